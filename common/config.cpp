@@ -1,0 +1,186 @@
+#include "common/config.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <sstream>
+
+#include <yaml-cpp/yaml.h>
+
+#include "common/error.hpp"
+
+namespace hp2 {
+namespace {
+
+std::size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t above = row[j];
+      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0 : 1)});
+      diagonal = above;
+    }
+  }
+  return row.back();
+}
+
+template <class T>
+std::string to_text(const T& value) {
+  std::ostringstream s;
+  s.precision(15);
+  s << value;
+  return s.str();
+}
+
+template <class T>
+T convert(const YAML::Node& node, const std::string& where, const std::string& type) {
+  try {
+    return node.as<T>();
+  } catch (const YAML::Exception&) {
+    throw Error("the value is not " + type, where, "Write " + type + " there, or leave the key out for its default.");
+  }
+}
+
+template <class T>
+void check_range(T value, T min, T max, const std::string& where) {
+  if (!(value >= min && value <= max)) {
+    throw Error("the value " + to_text(value) + " is out of range", where,
+                "Choose one in [" + to_text(min) + ", " + to_text(max) + "].");
+  }
+}
+
+template <class T>
+std::string range_text(T min, T max, T lowest, T highest) {
+  if (min <= lowest && max >= highest) return "";
+  return "[" + (min <= lowest ? "-inf" : to_text(min)) + ", " + (max >= highest ? "inf" : to_text(max)) + "]";
+}
+
+std::string join(const std::vector<std::string>& words) {
+  std::string all;
+  for (const auto& w : words) all += (all.empty() ? "" : ", ") + w;
+  return all;
+}
+
+std::string line_of(const std::string& path, const YAML::Node& node) {
+  return path + ", line " + std::to_string(node.Mark().line + 1);
+}
+
+}  // namespace
+
+std::string nearest_word(const std::string& word, const std::vector<std::string>& known) {
+  const auto best = std::min_element(known.begin(), known.end(), [&](const auto& a, const auto& b) {
+    return edit_distance(word, a) < edit_distance(word, b);
+  });
+  return best == known.end() ? std::string() : *best;
+}
+
+void ConfigSection::add(const std::string& key, double& value, const std::string& doc, double min, double max) {
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  fields_.push_back({key, doc, range_text(min, max, -kInf, kInf),
+                     [&value, min, max](const YAML::Node& n, const std::string& where) {
+                       const auto v = convert<double>(n, where, "a number");
+                       check_range(v, min, max, where);
+                       value = v;
+                     },
+                     [&value] { return to_text(value); }});
+}
+
+void ConfigSection::add(const std::string& key, int& value, const std::string& doc, int min, int max) {
+  using Limits = std::numeric_limits<int>;
+  fields_.push_back({key, doc, range_text(min, max, Limits::min(), Limits::max()),
+                     [&value, min, max](const YAML::Node& n, const std::string& where) {
+                       const auto v = convert<int>(n, where, "a whole number");
+                       check_range(v, min, max, where);
+                       value = v;
+                     },
+                     [&value] { return to_text(value); }});
+}
+
+void ConfigSection::add(const std::string& key, bool& value, const std::string& doc) {
+  fields_.push_back({key, doc, "true, false",
+                     [&value](const YAML::Node& n, const std::string& where) {
+                       value = convert<bool>(n, where, "true or false");
+                     },
+                     [&value] { return std::string(value ? "true" : "false"); }});
+}
+
+void ConfigSection::add(const std::string& key, std::string& value, const std::string& doc,
+                        const std::vector<std::string>& choices) {
+  fields_.push_back({key, doc, join(choices),
+                     [&value, choices](const YAML::Node& n, const std::string& where) {
+                       const auto v = convert<std::string>(n, where, "a word");
+                       if (!choices.empty() && std::find(choices.begin(), choices.end(), v) == choices.end()) {
+                         throw Error("the value \"" + v + "\" is not known", where,
+                                     "Did you mean \"" + nearest_word(v, choices) +
+                                         "\"? The choices are: " + join(choices) + ".");
+                       }
+                       value = v;
+                     },
+                     [&value] { return value.empty() ? std::string("\"\"") : value; }});
+}
+
+void Config::ignore(const std::vector<std::string>& section_names) {
+  ignored_.insert(ignored_.end(), section_names.begin(), section_names.end());
+}
+
+void Config::load(const std::string& path) {
+  YAML::Node root;
+  try {
+    root = YAML::LoadFile(path);
+  } catch (const YAML::BadFile&) {
+    throw Error("the configuration cannot be read", path, "Check that the file exists and is readable.");
+  } catch (const YAML::Exception& e) {
+    throw Error("the configuration is not valid YAML", path + ", line " + std::to_string(e.mark.line + 1),
+                "Mend it there: " + e.msg + ".");
+  }
+  if (root.IsNull()) return;
+  if (!root.IsMap()) {
+    throw Error("the configuration is not a map of sections", path, "Write \"section:\" lines with keys below them.");
+  }
+  std::vector<std::string> names = ignored_;
+  for (const auto& s : sections_) names.push_back(s.name_);
+  for (const auto& entry : root) {
+    const auto name = entry.first.as<std::string>();
+    const auto section =
+        std::find_if(sections_.begin(), sections_.end(), [&](const auto& s) { return s.name_ == name; });
+    if (section == sections_.end()) {
+      if (std::find(ignored_.begin(), ignored_.end(), name) != ignored_.end()) continue;
+      throw Error("unknown section \"" + name + "\"", line_of(path, entry.first),
+                  "Did you mean \"" + nearest_word(name, names) + "\"?");
+    }
+    if (entry.second.IsNull()) continue;
+    if (!entry.second.IsMap()) {
+      throw Error("section \"" + name + "\" is not a map", line_of(path, entry.first),
+                  "Write \"key: value\" lines, indented below it.");
+    }
+    for (const auto& item : entry.second) {
+      const auto key = item.first.as<std::string>();
+      const auto field = std::find_if(section->fields_.begin(), section->fields_.end(),
+                                      [&](const auto& f) { return f.key == key; });
+      if (field == section->fields_.end()) {
+        std::vector<std::string> keys;
+        for (const auto& f : section->fields_) keys.push_back(f.key);
+        throw Error("unknown key \"" + name + "." + key + "\"", line_of(path, item.first),
+                    "Did you mean \"" + name + "." + nearest_word(key, keys) + "\"?");
+      }
+      field->read(item.second, line_of(path, item.first) + ", key \"" + name + "." + key + "\"");
+    }
+  }
+}
+
+std::string Config::print() const {
+  std::ostringstream out;
+  for (const auto& section : sections_) {
+    out << section.name_ << ":\n";
+    for (const auto& f : section.fields_) {
+      out << "  # " << f.doc << (f.range.empty() ? "" : " (" + f.range + ")") << "\n";
+      out << "  " << f.key << ": " << f.print() << "\n";
+    }
+  }
+  return out.str();
+}
+
+}  // namespace hp2

@@ -1,0 +1,81 @@
+#include "common/config.hpp"
+
+#include <filesystem>
+#include <fstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "common/error.hpp"
+
+namespace hp2 {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class ConfigTest : public ::testing::Test {
+ protected:
+  ConfigTest() {
+    ConfigSection s("frontend");
+    s.add("voxel_size_m", voxel_size_m, "Edge of a voxel [m]", 0.01, 10.0);
+    s.add("max_iterations", max_iterations, "Most iterations", 1, 1000);
+    s.add("deskew", deskew, "Undo the motion in the sweep");
+    s.add("mode", mode, "Residuals", {"hybrid", "point_to_point"});
+    config.add(std::move(s));
+    config.ignore({"backend"});
+  }
+  void load(const std::string& text) {
+    const auto path = std::filesystem::path(::testing::TempDir()) / "hp2_config_test.yaml";
+    std::ofstream(path) << text;
+    config.load(path.string());
+  }
+  std::string error_of(const std::string& text) {
+    try {
+      load(text);
+    } catch (const Error& e) {
+      return e.what();
+    }
+    return "no error";
+  }
+
+  double voxel_size_m = 1.0;
+  int max_iterations = 10;
+  bool deskew = true;
+  std::string mode = "hybrid";
+  Config config;
+};
+
+TEST_F(ConfigTest, ReadsValuesAndKeepsDefaults) {
+  load("frontend:\n  voxel_size_m: 0.5\n  mode: point_to_point\nbackend:\n  whatever: 1\n");
+  EXPECT_EQ(voxel_size_m, 0.5);
+  EXPECT_EQ(mode, "point_to_point");
+  EXPECT_EQ(max_iterations, 10);
+}
+
+TEST_F(ConfigTest, NamesTheNearestKeyOfATypo) {
+  EXPECT_THAT(error_of("frontend:\n  voxel_sise_m: 0.5\n"),
+              AllOf(HasSubstr("voxel_sise_m"), HasSubstr("line 2"), HasSubstr("\"frontend.voxel_size_m\"")));
+  EXPECT_THAT(error_of("frontent:\n  deskew: true\n"), HasSubstr("\"frontend\""));
+  EXPECT_THAT(error_of("frontend:\n  mode: hybird\n"), HasSubstr("\"hybrid\""));
+}
+
+TEST_F(ConfigTest, RefusesWrongTypesRangesAndFiles) {
+  EXPECT_THAT(error_of("frontend:\n  max_iterations: many\n"), HasSubstr("whole number"));
+  EXPECT_THAT(error_of("frontend:\n  max_iterations: 0\n"), HasSubstr("[1, 1000]"));
+  EXPECT_THAT(error_of("frontend:\n  voxel_size_m: .nan\n"), HasSubstr("out of range"));
+  EXPECT_THAT(error_of("frontend: [1, 2"), HasSubstr("not valid YAML"));
+  EXPECT_THAT(error_of("- 1\n- 2\n"), HasSubstr("not a map"));
+  EXPECT_THROW(config.load("/does/not/exist.yaml"), Error);
+}
+
+TEST_F(ConfigTest, PrintsAFileThatItReadsBack) {
+  voxel_size_m = 0.35;
+  const std::string text = config.print();
+  voxel_size_m = 1.0;
+  load(text);
+  EXPECT_EQ(voxel_size_m, 0.35);
+}
+
+}  // namespace
+}  // namespace hp2
