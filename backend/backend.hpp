@@ -21,15 +21,17 @@ struct BackendUpdate {
 /// Loop closing and the pose graph over the submaps of one session. Keeps no submap's points in memory.
 class Backend {
  public:
-  /// Takes up the session that `store` holds: graph and closures as stored, the place index rebuilt from stored descriptors.
+  /// Takes up the session that `store` holds: graph and closures as stored, the place index rebuilt from
+  /// stored descriptors.
   Backend(const BackendConfig& config, SessionStore& store);
   ~Backend();
 
-  /// Stores the submap with all that it brings (descriptors, verdicts, corrected graph) in one transaction. A submap
-  /// that is stored already is ignored.
+  /// Stores the submap with all that it brings (descriptors, verdicts, corrected graph) in one transaction. A
+  /// submap that is stored already is ignored.
   /// @param frontend_state the front-end's state at the submap's end (Frontend::save_state)
   /// @param last           the session ends with it
-  /// @throws Error if the disk is full or the session cannot be written; the session is then as before the call
+  /// @throws Error if the disk is full or the session cannot be written; the session is then as before the
+  /// call
   BackendUpdate add_submap(const Submap& submap, const std::vector<std::uint8_t>& frontend_state, bool last);
 
   /// Final optimisation and scan-level refinement over the whole session; stores and marks it as ended.

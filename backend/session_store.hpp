@@ -1,9 +1,10 @@
-// The session on disk: an SQLite database in WAL mode, one transaction a submap, so that a crash loses at most the submap in flight.
+// The session on disk: an SQLite database in WAL mode, one transaction a submap, so that a crash loses at
+// most the submap in flight.
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,14 +13,27 @@
 
 namespace hp2 {
 
+/// What one transaction brings to the session. Pointers may be null: nothing of that kind.
+struct SessionChange {
+  const Submap* submap = nullptr;                             ///< New submap; its id is submap_count().
+  bool last = false;                                          ///< The session ends with `submap`.
+  const std::vector<std::uint8_t>* frontend_state = nullptr;  ///< Replaces the stored one.
+  const std::vector<std::uint8_t>* place = nullptr;           ///< Place description of `submap`; opaque here.
+  const GraphState* graph =
+      nullptr;  ///< Keyposes, revision, flags; its trajectory is not stored but derived.
+  std::vector<std::size_t> changed_closures;  ///< Indices into graph->closures to write.
+};
+
 /// A session folder: `session.sqlite` in it. Everything that the viewer needs offline can be read from it.
+/// Not thread-safe; any number of readers in other processes may read at the same time.
 class SessionStore {
  public:
   enum class Access { kReadWrite, kReadOnly };
 
   /// Opens the session in `folder`, creating both unless read-only.
-  /// @throws Error if the folder cannot be written, the file is no session, is damaged, or is of another version
-  SessionStore(const std::string& folder, Access access = Access::kReadWrite);
+  /// @throws Error if the folder cannot be written, the file is no session, is damaged, or is of another
+  /// version
+  explicit SessionStore(const std::string& folder, Access access = Access::kReadWrite);
   ~SessionStore();
   SessionStore(const SessionStore&) = delete;
   SessionStore& operator=(const SessionStore&) = delete;
@@ -28,23 +42,31 @@ class SessionStore {
   std::int64_t session_id() const;
   /// Number of stored submaps: ids 0 .. n-1.
   std::int64_t submap_count() const;
-  /// One stored submap with its points. @throws Error if there is none with that id, or the file is damaged
-  Submap read_submap(std::int64_t id) const;
+  /// One stored submap. Exact but for the normals (kept to 1/127).
+  /// @param with_points false: `points`, `normals` and `scan_indices` stay empty
+  /// @throws Error if there is none with that id, or the file is damaged
+  Submap read_submap(std::int64_t id, bool with_points = true) const;
+  /// Place description stored with a submap. @throws Error as read_submap
+  std::vector<std::uint8_t> read_place(std::int64_t id) const;
   /// The front-end's state after the newest submap; empty if there is none.
   std::vector<std::uint8_t> read_frontend_state() const;
   /// The last stored graph with all closures and the trajectory; a graph of no nodes if nothing is stored.
   GraphState read_graph() const;
   /// True once the last submap of the session is stored.
   bool last_submap_stored() const;
-  /// Small named texts: configuration, versions, data set, per-process summaries.
+  /// Small named texts: configuration, versions, data set, per-process summaries. Names given before are
+  /// replaced.
   void write_meta(const std::map<std::string, std::string>& values);
   std::map<std::string, std::string> read_meta() const;
 
-  // Used by Backend; see backend.cpp.
-  class Transaction;
+  /// Writes all of `change`, or nothing.
+  /// @throws Error if the disk is full or the session cannot be written; it is then as before the call
+  void commit(const SessionChange& change);
+  /// Largest size the database may grow to [bytes]; 0: no limit but the disk. Writing beyond it is as a full
+  /// disk.
+  void limit_size(std::int64_t bytes);
 
  private:
-  friend class Backend;
   class Impl;
   std::unique_ptr<Impl> impl_;
 };

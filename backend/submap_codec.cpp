@@ -1,0 +1,148 @@
+#include "backend/submap_codec.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "common/error.hpp"
+
+namespace hp2 {
+namespace {
+
+// FNV-1a over 64 bits: catches a flipped bit that SQLite, which has no page checksums, would hand out as
+// data.
+std::uint64_t checksum(const std::uint8_t* p, std::size_t n) {
+  std::uint64_t h = 1469598103934665603ULL;
+  for (std::size_t i = 0; i < n; ++i) h = (h ^ p[i]) * 1099511628211ULL;
+  return h;
+}
+
+std::int8_t quantised(float v) {
+  return static_cast<std::int8_t>(std::lround(127.0F * std::clamp(v, -1.0F, 1.0F)));
+}
+
+}  // namespace
+
+void ByteWriter::put_pose(const Pose& pose) {
+  for (int i = 0; i < 4; ++i) put(pose.rotation.coeffs()[i]);
+  for (int i = 0; i < 3; ++i) put(pose.translation[i]);
+}
+
+std::vector<std::uint8_t> ByteWriter::finish() {
+  put(checksum(bytes_.data(), bytes_.size()));
+  return std::move(bytes_);
+}
+
+ByteReader::ByteReader(const std::vector<std::uint8_t>& bytes, std::string where)
+    : bytes_(bytes), where_(std::move(where)) {
+  std::uint64_t stored = 0;
+  if (bytes.size() >= sizeof(stored)) {
+    end_ = bytes.size() - sizeof(stored);
+    std::memcpy(&stored, bytes.data() + end_, sizeof(stored));
+  }
+  if (bytes.size() < sizeof(stored) || checksum(bytes.data(), end_) != stored) {
+    throw Error("the session is damaged: a checksum does not fit", where_,
+                "Choose another session folder; the other submaps of this one can still be read.");
+  }
+}
+
+void ByteReader::take(void* to, std::size_t n) {
+  if (n > left()) {
+    throw Error("the session is damaged: a record is too short", where_,
+                "Choose another session folder; the other submaps of this one can still be read.");
+  }
+  std::memcpy(to, bytes_.data() + at_, n);
+  at_ += n;
+}
+
+Pose ByteReader::get_pose() {
+  // Not through the normalising constructor: what comes back is bit for bit what was stored.
+  Pose pose;
+  for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = get<double>();
+  for (int i = 0; i < 3; ++i) pose.translation[i] = get<double>();
+  return pose;
+}
+
+std::vector<std::uint8_t> encode_points(const Submap& submap) {
+  ByteWriter out;
+  const std::size_t n = submap.points.size();
+  out.put(static_cast<std::uint64_t>(n));
+  for (std::size_t i = 0; i < n; ++i) {
+    for (int k = 0; k < 3; ++k) out.put(submap.points[i][k]);
+    for (int k = 0; k < 3; ++k)
+      out.put(i < submap.normals.size() ? quantised(submap.normals[i][k]) : std::int8_t{0});
+    out.put(static_cast<std::int32_t>(i < submap.scan_indices.size() ? submap.scan_indices[i] : 0));
+  }
+  return out.finish();
+}
+
+void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& where, Submap& submap) {
+  ByteReader in(bytes, where);
+  const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / 19));
+  submap.points.resize(n);
+  submap.normals.resize(n);
+  submap.scan_indices.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    for (int k = 0; k < 3; ++k) submap.points[i][k] = in.get<float>();
+    for (int k = 0; k < 3; ++k) submap.normals[i][k] = static_cast<float>(in.get<std::int8_t>());
+    if (submap.normals[i].squaredNorm() > 0.0F) submap.normals[i].normalize();
+    submap.scan_indices[i] = in.get<std::int32_t>();
+  }
+}
+
+std::vector<std::uint8_t> encode_scans(const std::vector<ScanPose>& scans) {
+  ByteWriter out;
+  out.put(static_cast<std::uint64_t>(scans.size()));
+  for (const ScanPose& s : scans) {
+    out.put(s.sequence);
+    out.put(s.utime);
+    out.put_pose(s.submap_from_sensor);
+    for (int i = 0; i < 36; ++i) out.put(s.covariance(i / 6, i % 6));
+    out.put(static_cast<std::uint8_t>(s.state));
+    out.put(s.diagnostics.alpha);
+    out.put(s.diagnostics.sigma);
+    out.put(s.diagnostics.min_eigenvalue_ratio);
+    out.put(static_cast<std::int32_t>(s.diagnostics.iterations));
+    for (const float ms : s.diagnostics.ms) out.put(ms);
+  }
+  return out.finish();
+}
+
+std::vector<ScanPose> decode_scans(const std::vector<std::uint8_t>& bytes, const std::string& where) {
+  ByteReader in(bytes, where);
+  constexpr std::size_t kScanBytes = 8 + 8 + 56 + 288 + 1 + 12 + 4 + 24;
+  const auto n =
+      static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / kScanBytes));
+  std::vector<ScanPose> scans(n);
+  for (ScanPose& s : scans) {
+    s.sequence = in.get<std::int64_t>();
+    s.utime = in.get<std::int64_t>();
+    s.submap_from_sensor = in.get_pose();
+    for (int i = 0; i < 36; ++i) s.covariance(i / 6, i % 6) = in.get<double>();
+    s.state = static_cast<TrackingState>(in.get<std::uint8_t>());
+    s.diagnostics.alpha = in.get<float>();
+    s.diagnostics.sigma = in.get<float>();
+    s.diagnostics.min_eigenvalue_ratio = in.get<float>();
+    s.diagnostics.iterations = in.get<std::int32_t>();
+    for (float& ms : s.diagnostics.ms) ms = in.get<float>();
+  }
+  return scans;
+}
+
+std::vector<std::uint8_t> encode_poses(const std::vector<Pose>& poses) {
+  ByteWriter out;
+  out.put(static_cast<std::uint64_t>(poses.size()));
+  for (const Pose& p : poses) out.put_pose(p);
+  return out.finish();
+}
+
+std::vector<Pose> decode_poses(const std::vector<std::uint8_t>& bytes, const std::string& where) {
+  ByteReader in(bytes, where);
+  const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / 56));
+  std::vector<Pose> poses(n);
+  for (Pose& p : poses) p = in.get_pose();
+  return poses;
+}
+
+}  // namespace hp2

@@ -1,0 +1,64 @@
+// Submaps and poses as bytes, for the session store: little-endian, with a checksum at the end.
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/submap.hpp"
+
+namespace hp2 {
+
+/// Appends values to a byte string.
+class ByteWriter {
+ public:
+  template <class T>
+  void put(const T& value) {
+    const auto* p = reinterpret_cast<const std::uint8_t*>(&value);
+    bytes_.insert(bytes_.end(), p, p + sizeof(T));
+  }
+  void put_pose(const Pose& pose);
+  /// The bytes with their checksum appended.
+  std::vector<std::uint8_t> finish();
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+};
+
+/// Reads back what ByteWriter wrote.
+class ByteReader {
+ public:
+  /// @param where what is read, for the message. @throws Error if the checksum does not fit
+  ByteReader(const std::vector<std::uint8_t>& bytes, std::string where);
+  template <class T>
+  T get() {
+    T value;
+    take(&value, sizeof(T));
+    return value;
+  }
+  Pose get_pose();
+  std::size_t left() const { return end_ - at_; }
+
+ private:
+  void take(void* to, std::size_t n);
+  const std::vector<std::uint8_t>& bytes_;
+  std::string where_;
+  std::size_t at_ = 0, end_ = 0;
+};
+
+/// Points (float), normals (int8, unit = 127) and scan indices (uint32): 19 bytes a point.
+std::vector<std::uint8_t> encode_points(const Submap& submap);
+/// Fills points, normals and scan_indices. Normals come back within 1/127 of what was stored.
+/// @throws Error for damaged bytes
+void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& where, Submap& submap);
+
+/// All scans with poses, covariances, states and diagnostics; exact.
+std::vector<std::uint8_t> encode_scans(const std::vector<ScanPose>& scans);
+/// @throws Error for damaged bytes
+std::vector<ScanPose> decode_scans(const std::vector<std::uint8_t>& bytes, const std::string& where);
+
+/// Poses as given, 56 bytes each; exact.
+std::vector<std::uint8_t> encode_poses(const std::vector<Pose>& poses);
+/// @throws Error for damaged bytes
+std::vector<Pose> decode_poses(const std::vector<std::uint8_t>& bytes, const std::string& where);
+
+}  // namespace hp2
