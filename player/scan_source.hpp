@@ -20,7 +20,8 @@ struct StampedPose {
 /// What is known of a drive without reading its scans.
 struct SourceInfo {
   std::string name;    ///< e.g. "kitti_0926_0001" or "synthetic:loop:1".
-  std::string format;  ///< "kitti", "kitti-raw", "mulran", "helipr", "apollo", "generic", "synthetic", "lcm-log", "rosbag".
+  std::string format;  ///< "kitti", "kitti-raw", "mulran", "helipr", "apollo", "generic", "synthetic",
+                       ///< "lcm-log", "rosbag".
   std::string sensor;  ///< e.g. "hdl64"; "" if not known.
   std::string path;    ///< Folder or file; "" for a synthetic drive.
 };
@@ -32,15 +33,16 @@ class ScanSource {
   virtual const SourceInfo& info() const = 0;
   /// Number of scans after first, count and stride were applied.
   virtual std::size_t size() const = 0;
-  /// Reads scan `index` in [0, size()). Its `sequence` is `index`; its `utime` is the START of the sweep, whatever
-  /// instant the data set stamps. `time` is empty and `duration_us` 0 where the data has no time in the sweep.
-  /// Thread-safe: several threads may read different scans at once.
+  /// Reads scan `index` in [0, size()). Its `sequence` is `index`; its `utime` is the START of the sweep,
+  /// whatever instant the data set stamps. `time` is empty and `duration_us` 0 where the data has no time in
+  /// the sweep. Thread-safe: several threads may read different scans at once.
   /// @throws Error if the file cannot be read, is truncated or lies about its size
   virtual Scan read(std::size_t index) const = 0;
-  /// Ground truth in the LiDAR's frame, one a scan, at the END of each sweep where the data set knows it and at the
-  /// scan's stamp otherwise; empty if there is none.
+  /// Ground truth in the LiDAR's frame, one a scan, at the END of each sweep where the data set knows it and
+  /// at the scan's stamp otherwise; empty if there is none.
   virtual const std::vector<StampedPose>& ground_truth() const = 0;
-  /// What the reader noticed and the user should know ("times.txt is not monotonic: assuming 10 Hz"), in words.
+  /// What the reader noticed and the user should know ("times.txt is not monotonic: assuming 10 Hz"), in
+  /// words.
   virtual std::vector<std::string> warnings() const { return {}; }
 };
 
@@ -50,8 +52,9 @@ struct SourceOptions {
   std::size_t first = 0;   ///< Skip so many scans.
   std::size_t count = 0;   ///< Take at most so many; 0: all.
   std::size_t stride = 1;  ///< Take every stride-th.
-  int kitti_correction = -1;  ///< Vertical angle correction of 0.205 degrees: 1 on, 0 off, -1 on for format "kitti" only.
-  std::string topic;          ///< Topic of a bag or channel of a log; empty: the only one of the right type.
+  int kitti_correction =
+      -1;  ///< Vertical angle correction of 0.205 degrees: 1 on, 0 off, -1 on for format "kitti" only.
+  std::string topic;  ///< Topic of a bag or channel of a log; empty: the only one of the right type.
 };
 
 /// Opens a drive named as on every command line: a folder (or file), or `synthetic:SCENE[:SEED]`.

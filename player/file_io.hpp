@@ -1,0 +1,54 @@
+// Files and folders as the readers need them: whole files at once, names in natural order.
+#pragma once
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace hp2 {
+
+/// Largest file that is taken for one scan or one table [bytes]; anything larger is refused before memory is
+/// asked for.
+constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
+
+/// Bytes of one file. Keeps its memory from load to load, so that reading scan after scan allocates nothing.
+class FileBuffer {
+ public:
+  /// Reads the whole of `path`.
+  /// @throws Error if it is not a regular file, cannot be read, or is larger than kMaxFileBytes
+  std::string_view load(const std::string& path);
+
+ private:
+  std::unique_ptr<char[]> data_;
+  std::size_t capacity_ = 0;
+};
+
+/// The whole of a text file; see FileBuffer::load for the errors.
+std::string read_text(const std::string& path);
+
+/// The lines of `text` without their ends; a carriage return before the end belongs to the end.
+std::vector<std::string_view> split_lines(std::string_view text);
+
+/// The numbers in a line, separated by blanks, tabs, commas or semicolons. What is no number becomes NaN.
+std::vector<double> parse_numbers(std::string_view line);
+
+/// Order in which people count: "scan2" before "scan10". Digits compare as numbers of any length.
+bool natural_less(std::string_view a, std::string_view b);
+
+/// Names of the regular files in `folder` that end in `extension` (with its dot, compared without regard to
+/// case), in natural order; empty if the folder does not exist.
+std::vector<std::string> list_files(const std::string& folder, const std::string& extension);
+
+/// Whether `path` is a folder that exists, or a regular file that exists.
+bool is_folder(const std::string& path);
+bool is_file(const std::string& path);
+
+/// Last part of a path, without a trailing slash.
+std::string base_name(std::string path);
+/// `path` without its last part; "." if there is only one part.
+std::string parent_folder(std::string path);
+/// A file's name without its extension.
+std::string stem(const std::string& name);
+
+}  // namespace hp2

@@ -1,0 +1,102 @@
+#include "player/point_file.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "common/error.hpp"
+#include "player/file_io.hpp"
+
+namespace hp2 {
+
+void read_points(const PointColumns& columns, std::size_t n, PointFile& out) {
+  read_column(columns.x, n, out.scan.x);
+  read_column(columns.y, n, out.scan.y);
+  read_column(columns.z, n, out.scan.z);
+  out.scan.intensity.clear();
+  out.raw_time.clear();
+  if (columns.intensity.first) read_column(columns.intensity, n, out.scan.intensity);
+  if (columns.time.first) read_column(columns.time, n, out.raw_time);
+}
+
+void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {
+  constexpr std::size_t kRecord = 4 * sizeof(float);
+  if (bytes.size() % kRecord != 0)
+    throw Error("the scan is truncated (" + std::to_string(bytes.size()) + " bytes are no multiple of 16)",
+                path, "Copy the file again; a .bin scan is float32 x y z intensity.");
+  const std::size_t n = bytes.size() / kRecord;
+  Scan& scan = out.scan;
+  scan.x.resize(n);
+  scan.y.resize(n);
+  scan.z.resize(n);
+  scan.intensity.resize(n);
+  out.raw_time.clear();
+  for (std::size_t i = 0; i < n; ++i) {
+    float p[4];
+    std::memcpy(p, bytes.data() + i * kRecord, kRecord);
+    scan.x[i] = p[0];
+    scan.y[i] = p[1];
+    scan.z[i] = p[2];
+    scan.intensity[i] = p[3];
+  }
+}
+
+void read_point_file(const std::string& path, PointFile& out) {
+  thread_local FileBuffer buffer;  // kept from scan to scan: no allocation in steady state
+  const std::string_view bytes = buffer.load(path);
+  const std::size_t dot = path.rfind('.');
+  std::string extension = dot == std::string::npos ? "" : path.substr(dot);
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  if (extension == ".bin") return parse_bin(bytes, path, out);
+  if (bytes.empty()) {  // a scan of no points, whatever its kind
+    out = PointFile{};
+    return;
+  }
+  if (extension == ".pcd") return parse_pcd(bytes, path, out);
+  if (extension == ".ply") return parse_ply(bytes, path, out);
+  throw Error("unknown kind of scan", path, "Scans are .bin, .pcd or .ply files.");
+}
+
+std::vector<double> parse_ascii_table(std::string_view text, std::size_t n, std::size_t width,
+                                      const std::string& path) {
+  // A number takes two bytes with its separator, so a table cannot have more of them than that.
+  const std::size_t most = (text.size() + 1) / 2;
+  if (width == 0 || n > most / width)
+    throw Error("the header promises " + std::to_string(n) + " points, the file has fewer", path,
+                "The file is truncated or its header is wrong: write it again.");
+  std::vector<double> table(n * width);
+  const char* p = text.data();
+  const char* const end = p + text.size();
+  for (double& value : table) {
+    while (p != end && std::isspace(static_cast<unsigned char>(*p))) ++p;
+    if (p != end && *p == '+') ++p;
+    const auto [rest, error] = std::from_chars(p, end, value);
+    if (error == std::errc::invalid_argument)
+      throw Error("the scan ends early or holds what is not a number",
+                  path + ", byte " + std::to_string(p - text.data()) + " of its data",
+                  "Write the file again.");
+    if (error == std::errc::result_out_of_range) value = std::numeric_limits<double>::quiet_NaN();
+    p = rest;
+  }
+  return table;
+}
+
+void correct_kitti_vertical_angle(Scan& scan) {
+  const double angle = 0.205 * M_PI / 180.0;
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  for (std::size_t i = 0; i < scan.size(); ++i) {
+    const double x = scan.x[i];
+    const double y = scan.y[i];
+    const double z = scan.z[i];
+    const double horizontal = std::sqrt(x * x + y * y);
+    if (!(horizontal > 0.0)) continue;  // straight up or down, or NaN: no axis to turn about
+    const double scale = c - s * z / horizontal;
+    scan.x[i] = static_cast<float>(x * scale);
+    scan.y[i] = static_cast<float>(y * scale);
+    scan.z[i] = static_cast<float>(z * c + horizontal * s);
+  }
+}
+
+}  // namespace hp2

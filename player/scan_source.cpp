@@ -1,0 +1,46 @@
+#include "player/scan_source.hpp"
+
+#include <algorithm>
+
+#include "common/error.hpp"
+#include "player/drive.hpp"
+#include "player/file_io.hpp"
+#include "player/layout.hpp"
+
+namespace hp2 {
+namespace {
+
+const std::vector<std::string> kFormats = {"kitti", "generic"};
+
+Drive open_drive(const std::string& spec, const std::string& format, const SourceOptions& options) {
+  return open_folder_drive(spec, format == "kitti", options);
+}
+
+}  // namespace
+
+std::string recognise_format(const std::string& path) {
+  if (is_folder(path + "/velodyne") && kitti_camera_from_lidar(path + "/calib.txt")) return "kitti";
+  for (const std::string& folder : {path + "/velodyne", path})
+    for (const char* extension : {".bin", ".pcd", ".ply"})
+      if (!list_files(folder, extension).empty()) return "generic";
+  return "";
+}
+
+std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOptions& options) {
+  if (!is_folder(spec) && !is_file(spec))
+    throw Error("there is no such folder or file", spec,
+                "Name a drive's folder (its format is recognised) or synthetic:SCENE[:SEED].");
+  std::string format = options.dataset;
+  if (format.empty()) format = recognise_format(spec);
+  if (format.empty())
+    throw Error("the folder holds no scan in a layout that is known", spec,
+                "Give the folder that holds the scans or velodyne/, or say its format with --dataset.");
+  if (std::find(kFormats.begin(), kFormats.end(), format) == kFormats.end()) {
+    std::string known;
+    for (const std::string& name : kFormats) known += (known.empty() ? "" : ", ") + name;
+    throw Error("unknown data set format", format, "Known are: " + known + ".");
+  }
+  return make_source(open_drive(spec, format, options), options);
+}
+
+}  // namespace hp2
