@@ -6,22 +6,41 @@
 
 namespace hp2 {
 
-/// Settings of the front-end. Names follow the paper.
+/// Settings of the front-end. Names follow the paper; the defaults serve every sensor (README,
+/// "Configuration").
 struct FrontendConfig {
   std::string mode = "hybrid";
   double min_range_m = 1.0;
   double max_range_m = 100.0;
   bool deskew = true;
   double voxel_size_m = 0.6;
+  int max_points_per_voxel = 3;
+  double min_spacing_m = 0.35;
+  double map_point_voxel_m = 0.3;
+  double source_voxel_m = 0.9;
   double tau_ref = 0.2;
-  double n_ref = 27;
+  double n_ref = 27.0;
   double tau_min = 0.05;
   double tau_max = 0.3;
   int n_min = 5;
+  int max_iterations = 30;
+  double convergence_m = 1e-3;
+  double in_plane_weight = 0.3;
+  double min_eigenvalue_ratio = 1e-4;
+  double initial_sigma_m = 2.0;
+  double min_sigma_m = 0.1;
+  int sigma_window = 100;
   double submap_length_m = 100.0;
+  double submap_voxel_m = 0.5;
 };
 
-/// The section "frontend" bound to `config`.
+/// The section "frontend" bound to `config`, which must outlive it.
 ConfigSection frontend_section(FrontendConfig& config);
+
+/// Checks what ranges of single keys cannot say. @throws Error
+void validate(const FrontendConfig& config);
+
+/// Names of the modes, as `mode` takes them.
+const std::vector<std::string>& frontend_modes();
 
 }  // namespace hp2

@@ -1,5 +1,5 @@
-// Registration of a cloud against a local map by the adaptive hybrid ICP, outside of the odometry's loop: what the
-// back-end uses to verify loop closures.
+// Registration of a cloud against a local map by the adaptive hybrid ICP, outside of the odometry's loop:
+// what the back-end uses to verify loop closures.
 #pragma once
 #include <vector>
 
@@ -13,12 +13,13 @@ namespace hp2 {
 /// Outcome of a registration.
 struct RegistrationResult {
   Pose target_from_source;
-  Matrix6d information = Matrix6d::Zero();  ///< Inverse covariance of the pose, left increments (rho [m], phi [rad])
-                                            ///< in the target's frame.
+  Matrix6d information = Matrix6d::Zero();  ///< Inverse covariance of the pose, left increments (rho [m], phi
+                                            ///< [rad]) in the target's frame.
   int n_planar = 0;
   int n_non_planar = 0;
-  double rms_m = 0.0;          ///< RMS of the inlier correspondences' residuals (along the normal where planar).
-  double inlier_ratio = 0.0;   ///< Source points with a correspondence within `max_distance_m` at the end, 0..1.
+  double rms_m = 0.0;  ///< RMS of the inlier correspondences' residuals (along the normal where planar).
+  double inlier_ratio =
+      0.0;  ///< Source points with a correspondence within `max_distance_m` at the end, 0..1.
   double min_eigenvalue_ratio = 0.0;
   int iterations = 0;
   bool converged = false;

@@ -1,0 +1,35 @@
+// The robust scale sigma: RMS of the recent motion prediction errors (paper, eq. 9 and 10).
+#pragma once
+#include <deque>
+
+#include "common/byte_io.hpp"
+#include "common/geometry/pose.hpp"
+
+namespace hp2 {
+
+/// Sliding window of motion errors.
+class AdaptiveScale {
+ public:
+  /// @param initial_m  sigma until the sensor has moved [m]
+  /// @param minimum_m  sigma never falls below this [m]
+  /// @param window     number of errors that count, N
+  /// @param max_range_m r_max, turns a rotation error into a displacement
+  AdaptiveScale(double initial_m, double minimum_m, int window, double max_range_m);
+
+  double sigma_m() const;
+  /// err = |dt| + 2 r_max sin(theta / 2) of the difference between the registered pose and the predicted one
+  /// [m].
+  double error_m(const Pose& predicted_from_registered) const;
+  /// Adds an error [m].
+  void add(double error_m);
+
+  void save(ByteWriter& out) const;
+  void load(ByteReader& in);
+
+ private:
+  double initial_, minimum_, max_range_;
+  std::size_t window_;
+  std::deque<double> errors_;
+};
+
+}  // namespace hp2

@@ -1,0 +1,270 @@
+#include "frontend/frontend.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "common/byte_io.hpp"
+#include "common/error.hpp"
+#include "frontend/adaptive_scale.hpp"
+#include "frontend/deskew.hpp"
+#include "frontend/hybrid_icp.hpp"
+#include "frontend/local_map.hpp"
+#include "frontend/motion_model.hpp"
+#include "frontend/parallel.hpp"
+#include "frontend/preprocess.hpp"
+#include "frontend/submap_builder.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr std::uint32_t kStateVersion = 1;
+
+class Clock {
+ public:
+  float lap_ms() {
+    const auto now = std::chrono::steady_clock::now();
+    const float ms = std::chrono::duration<float, std::milli>(now - last_).count();
+    last_ = now;
+    return ms;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+IcpMode mode_of(const std::string& name) {
+  const auto& names = frontend_modes();
+  const auto at = std::find(names.begin(), names.end(), name);
+  if (at == names.end()) {
+    throw Error("unknown mode \"" + name + "\"", "front-end",
+                "Did you mean \"" + nearest_word(name, names) + "\"?");
+  }
+  constexpr IcpMode kModes[] = {IcpMode::kHybrid,     IcpMode::kPointToPoint,   IcpMode::kPointToPlane,
+                                IcpMode::kFixedAlpha, IcpMode::kFixedThreshold, IcpMode::kRobust};
+  return kModes[at - names.begin()];
+}
+
+}  // namespace
+
+IcpConfig icp_config(const FrontendConfig& c) {
+  IcpConfig icp;
+  icp.mode = mode_of(c.mode);
+  icp.tau_ref = c.tau_ref;
+  icp.n_ref = c.n_ref;
+  icp.tau_min = c.tau_min;
+  icp.tau_max = c.tau_max;
+  icp.n_min = c.n_min;
+  icp.max_iterations = c.max_iterations;
+  icp.convergence_m = c.convergence_m;
+  icp.in_plane_weight = c.in_plane_weight;
+  icp.min_eigenvalue_ratio = c.min_eigenvalue_ratio;
+  return icp;
+}
+
+class Frontend::Impl {
+ public:
+  Impl(const FrontendConfig& config, int threads)
+      : config_(config),
+        parallel_(threads),
+        preprocessor_(
+            {config.min_range_m, config.max_range_m, config.map_point_voxel_m, config.source_voxel_m}),
+        map_(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m),
+        icp_(icp_config(config)),
+        scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window, config.max_range_m),
+        builder_(config.submap_length_m, config.submap_voxel_m) {
+    validate(config);
+  }
+
+  FrontendOutput process(const Scan& scan);
+  std::optional<Submap> finish() { return builder_.finish(); }
+  std::vector<std::uint8_t> save_state() const;
+  void restore_state(const std::vector<std::uint8_t>& state);
+  std::vector<std::string> take_warnings() { return std::exchange(warnings_, {}); }
+
+ private:
+  bool usable_times(const Scan& scan);
+  void warn_once(unsigned bit, const std::string& text);
+  void deskew(const Vector6d& sweep_twist);
+
+  FrontendConfig config_;
+  Parallel parallel_;
+  Preprocessor preprocessor_;
+  LocalMap map_;
+  HybridIcp icp_;
+  AdaptiveScale scale_;
+  MotionModel motion_;
+  SubmapBuilder builder_;
+  std::int64_t last_sequence_ = -1;
+  bool moved_ = false;
+  unsigned warned_ = 0;
+  std::vector<std::string> warnings_;
+
+  // Buffers kept from scan to scan.
+  PreprocessedScan cloud_;
+  std::vector<Eigen::Vector3f> points_, source_;
+};
+
+void Frontend::Impl::warn_once(unsigned bit, const std::string& text) {
+  if (warned_ & (1U << bit)) return;
+  warned_ |= 1U << bit;
+  warnings_.push_back(text);
+}
+
+bool Frontend::Impl::usable_times(const Scan& scan) {
+  if (!config_.deskew) return false;
+  if (scan.time.empty() || scan.duration_us <= 0) {
+    warn_once(0,
+              "the scans carry no time in the sweep: they are not deskewed (right if they are "
+              "motion-compensated already)");
+    return false;
+  }
+  if (scan.time.size() != scan.size()) {
+    warn_once(1, "a scan has " + std::to_string(scan.size()) + " points but " +
+                     std::to_string(scan.time.size()) + " times in the sweep: such scans are not deskewed");
+    return false;
+  }
+  float low = 2.0F, high = -1.0F;
+  bool finite = true;
+  for (const float t : scan.time) {
+    finite = finite && t >= -0.01F && t <= 1.01F;
+    low = std::min(low, t);
+    high = std::max(high, t);
+  }
+  if (!finite) {
+    warn_once(2, "times in the sweep are not finite or outside 0..1: such scans are not deskewed");
+    return false;
+  }
+  if (!(high > low)) {
+    warn_once(3, "times in the sweep are all equal: such scans are not deskewed");
+    return false;
+  }
+  return true;
+}
+
+void Frontend::Impl::deskew(const Vector6d& sweep_twist) {
+  points_ = cloud_.points;
+  if (!cloud_.time.empty() && sweep_twist.norm() > 0.0) {
+    const Deskew move(sweep_twist);
+    parallel_.for_blocks(points_.size(), 4096, [&](std::size_t, std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) points_[i] = move(cloud_.points[i], cloud_.time[i]);
+    });
+  }
+  source_.clear();
+  for (const std::uint32_t i : cloud_.source) source_.push_back(points_[i]);
+}
+
+FrontendOutput Frontend::Impl::process(const Scan& scan) {
+  Clock total, clock;
+  FrontendOutput out;
+  OdometryResult& o = out.odometry;
+  o.sequence = scan.sequence;
+  o.utime = scan.utime_end();
+  o.n_points = static_cast<int>(scan.size());
+  o.n_skipped = last_sequence_ >= 0 ? std::max<std::int64_t>(0, scan.sequence - last_sequence_ - 1) : 0;
+  last_sequence_ = scan.sequence;
+
+  const bool use_time = usable_times(scan);
+  preprocessor_.run(scan, use_time, parallel_, cloud_);
+  o.n_dropped = cloud_.dropped;
+  if (motion_.time_is_broken(o.utime)) {
+    warn_once(4, "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
+  }
+  const Pose predicted = motion_.predict(o.utime);
+  deskew(motion_.sweep_twist(scan.duration_us));
+  o.diagnostics.ms[0] = clock.lap_ms();
+
+  Pose pose = predicted;
+  const double sigma = scale_.sigma_m();
+  o.diagnostics.sigma = static_cast<float>(sigma);
+  if (source_.empty()) {
+    o.state = TrackingState::kLost;
+  } else if (!map_.empty()) {
+    const IcpResult icp = icp_.align(map_, source_, predicted, sigma, parallel_);
+    pose = icp.map_from_source;
+    o.n_planar = icp.n_planar;
+    o.n_non_planar = icp.n_non_planar;
+    if (icp.unobserved_directions > 0) o.state = TrackingState::kDegenerate;
+    if (icp.n_planar + icp.n_non_planar < 10) {
+      o.state = TrackingState::kLost;
+      pose = predicted;
+    }
+    o.diagnostics.alpha = static_cast<float>(icp.alpha());
+    o.diagnostics.min_eigenvalue_ratio = static_cast<float>(icp.min_eigenvalue_ratio);
+    o.diagnostics.iterations = icp.iterations;
+    o.diagnostics.ms[1] = static_cast<float>(icp.ms_search);
+    o.diagnostics.ms[2] = static_cast<float>(icp.ms_planarity);
+    o.diagnostics.ms[3] = static_cast<float>(icp.ms_solve);
+    const Pose deviation = predicted.inverse() * pose;
+    const double error = scale_.error_m(deviation);
+    moved_ = moved_ || error > config_.min_sigma_m;
+    if (moved_) scale_.add(error);
+  }
+  clock.lap_ms();
+  motion_.add(pose, o.utime);
+  map_.insert(points_, pose);
+  map_.remove_far(pose.translation, config_.max_range_m);
+
+  o.odom_from_sensor = pose;
+  o.submap_id = builder_.id();
+  ScanPose entry;
+  entry.sequence = o.sequence;
+  entry.utime = o.utime;
+  entry.covariance = o.covariance;
+  entry.state = o.state;
+  entry.diagnostics = o.diagnostics;
+  out.finished_submap = builder_.add(source_, pose, entry, o.n_skipped);
+  o.submap_from_sensor = entry.submap_from_sensor;
+  o.diagnostics.ms[4] = clock.lap_ms();
+  o.diagnostics.ms[5] = total.lap_ms();
+  auto& stored = out.finished_submap ? out.finished_submap->scans.back() : builder_.last_scan();
+  stored.diagnostics = o.diagnostics;
+  return out;
+}
+
+std::vector<std::uint8_t> Frontend::Impl::save_state() const {
+  std::vector<std::uint8_t> bytes;
+  ByteWriter out(bytes);
+  out.put(kStateVersion);
+  out.put(config_.voxel_size_m);
+  out.put(config_.max_points_per_voxel);
+  out.put(last_sequence_);
+  out.put(static_cast<std::uint8_t>(moved_));
+  out.put(warned_);
+  motion_.save(out);
+  scale_.save(out);
+  builder_.save(out);
+  map_.save(out);
+  return bytes;
+}
+
+void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
+  ByteReader in(state.data(), state.data() + state.size(), "the front-end's saved state");
+  if (in.take<std::uint32_t>() != kStateVersion) in.fail("version");
+  if (in.take<double>() != config_.voxel_size_m || in.take<int>() != config_.max_points_per_voxel) {
+    throw Error("the session was made with another voxel size", "front-end's saved state",
+                "Use the configuration that the session began with, or start a new session.");
+  }
+  last_sequence_ = in.take<std::int64_t>();
+  moved_ = in.take<std::uint8_t>() != 0;
+  warned_ = in.take<unsigned>();
+  motion_.load(in);
+  scale_.load(in);
+  builder_.load(in);
+  map_.load(in);
+}
+
+Frontend::Frontend(const FrontendConfig& config, int threads)
+    : impl_(std::make_unique<Impl>(config, threads)) {}
+Frontend::~Frontend() = default;
+Frontend::Frontend(Frontend&&) noexcept = default;
+Frontend& Frontend::operator=(Frontend&&) noexcept = default;
+FrontendOutput Frontend::process(const Scan& scan) { return impl_->process(scan); }
+std::optional<Submap> Frontend::finish() { return impl_->finish(); }
+std::vector<std::uint8_t> Frontend::save_state() const { return impl_->save_state(); }
+void Frontend::restore_state(const std::vector<std::uint8_t>& state) { impl_->restore_state(state); }
+std::vector<std::string> Frontend::take_warnings() { return impl_->take_warnings(); }
+
+}  // namespace hp2

@@ -1,0 +1,58 @@
+#include "frontend/frontend_config.hpp"
+
+#include "common/error.hpp"
+
+namespace hp2 {
+
+const std::vector<std::string>& frontend_modes() {
+  static const std::vector<std::string> modes{"hybrid",      "point_to_point",  "point_to_plane",
+                                              "fixed_alpha", "fixed_threshold", "robust"};
+  return modes;
+}
+
+ConfigSection frontend_section(FrontendConfig& c) {
+  ConfigSection s("frontend");
+  s.add("mode", c.mode, "Residuals: the paper's hybrid, one of its ablations, or our robust balance",
+        frontend_modes());
+  s.add("min_range_m", c.min_range_m, "Points nearer to the sensor are left out [m]", 0.0, 1000.0);
+  s.add("max_range_m", c.max_range_m,
+        "Points farther away are left out; also the local map's radius and r_max [m]", 1.0, 1000.0);
+  s.add("deskew", c.deskew, "Undo the sensor's motion in the sweep where the points have times");
+  s.add("voxel_size_m", c.voxel_size_m, "Edge of a local map voxel [m]", 0.05, 10.0);
+  s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
+  s.add("min_spacing_m", c.min_spacing_m, "Points of a voxel are at least this far apart [m]", 0.0, 10.0);
+  s.add("map_point_voxel_m", c.map_point_voxel_m,
+        "One point a voxel of this edge of each scan goes to the map [m]", 0.01, 10.0);
+  s.add("source_voxel_m", c.source_voxel_m, "Of these one a voxel of this edge is registered [m]", 0.01,
+        10.0);
+  s.add("tau_ref", c.tau_ref, "Planarity threshold at a neighbourhood of n_ref points", 1e-6, 1.0);
+  s.add("n_ref", c.n_ref, "Neighbourhood size that tau_ref holds for", 1.0, 1e6);
+  s.add("tau_min", c.tau_min, "Lower bound of tau(n)", 0.0, 1.0);
+  s.add("tau_max", c.tau_max, "Upper bound of tau(n)", 0.0, 1.0);
+  s.add("n_min", c.n_min, "Fewest points of a neighbourhood that can be planar", 3, 1000);
+  s.add("max_iterations", c.max_iterations, "Most Gauss-Newton iterations a scan", 1, 1000);
+  s.add("convergence_m", c.convergence_m, "A step shorter than this [m, rad] ends the iterations", 1e-9, 1.0);
+  s.add("in_plane_weight", c.in_plane_weight,
+        "Mode robust: weight of planar correspondences' in-plane residual", 0.0, 10.0);
+  s.add("min_eigenvalue_ratio", c.min_eigenvalue_ratio,
+        "A direction with less than this share of the largest eigenvalue of the information is not observed",
+        0.0, 1.0);
+  s.add("initial_sigma_m", c.initial_sigma_m, "sigma until the sensor has moved [m]", 0.01, 100.0);
+  s.add("min_sigma_m", c.min_sigma_m, "sigma never falls below this [m]", 0.001, 10.0);
+  s.add("sigma_window", c.sigma_window, "Motion errors that sigma is the RMS of", 1, 100000);
+  s.add("submap_length_m", c.submap_length_m, "Travel after which a submap is cut, beta [m]", 1.0, 10000.0);
+  s.add("submap_voxel_m", c.submap_voxel_m, "One point a voxel of this edge in a submap [m]", 0.05, 10.0);
+  return s;
+}
+
+void validate(const FrontendConfig& c) {
+  if (c.min_range_m >= c.max_range_m) {
+    throw Error("min_range_m is not below max_range_m", "configuration, section \"frontend\"",
+                "Raise max_range_m or lower min_range_m.");
+  }
+  if (c.tau_min > c.tau_max) {
+    throw Error("tau_min is above tau_max", "configuration, section \"frontend\"", "Swap them.");
+  }
+}
+
+}  // namespace hp2

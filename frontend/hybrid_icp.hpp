@@ -1,0 +1,100 @@
+// Adaptive hybrid ICP (paper, sec. "Problem Formulation"): point-to-plane where the map is planar,
+// point-to-point where it is not, balanced by what is seen, Geman-McClure with c = sigma, Gauss-Newton on
+// se(3).
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "common/geometry/pose.hpp"
+#include "frontend/local_map.hpp"
+#include "frontend/normal_equations.hpp"
+#include "frontend/parallel.hpp"
+
+namespace hp2 {
+
+/// Which residuals are used and how they are balanced.
+enum class IcpMode {
+  kHybrid,          ///< The paper's: alpha = |P| / (|P| + |Q|), tau(n).
+  kPointToPoint,    ///< All correspondences point-to-point.
+  kPointToPlane,    ///< All correspondences with a normal point-to-plane.
+  kFixedAlpha,      ///< As hybrid with alpha = 0.5.
+  kFixedThreshold,  ///< As hybrid with tau = tau_ref whatever n.
+  kRobust,          ///< Ours: see balance() in hybrid_icp.cpp.
+};
+
+/// Settings of the registration.
+struct IcpConfig {
+  IcpMode mode = IcpMode::kHybrid;
+  double tau_ref = 0.2, n_ref = 27.0, tau_min = 0.05, tau_max = 0.3;
+  int n_min = 5;
+  int max_iterations = 30;
+  double convergence_m = 1e-4;  ///< Ends when a step's translation [m] and rotation [rad] norm is below this.
+  double in_plane_weight = 0.3;  ///< kRobust: weight of a planar correspondence's in-plane residual.
+  double min_eigenvalue_ratio =
+      1e-4;  ///< Directions below this share of the largest eigenvalue are not observed.
+};
+
+/// Outcome of one registration.
+struct IcpResult {
+  Pose map_from_source;
+  Matrix6d information =
+      Matrix6d::Zero();  ///< Gauss-Newton matrix over the residuals' variance; left increments about the
+                         ///< source's origin, (rho [m], phi [rad]), axes of the map.
+  int n_planar = 0, n_non_planar = 0;
+  int iterations = 0;
+  bool converged = false;
+  double rms_m = 0.0;
+  double inlier_ratio = 0.0;  ///< Correspondences within 3 sigma over source points.
+  double min_eigenvalue_ratio = 0.0;
+  int unobserved_directions = 0;
+  double ms_search = 0.0, ms_planarity = 0.0, ms_solve = 0.0;
+
+  double alpha() const {
+    const int n = n_planar + n_non_planar;
+    return n > 0 ? static_cast<double>(n_planar) / n : 0.0;
+  }
+};
+
+/// Registers clouds to a local map. Keeps its buffers from call to call.
+class HybridIcp {
+ public:
+  explicit HybridIcp(const IcpConfig& config) : config_(config) {}
+
+  const IcpConfig& config() const { return config_; }
+
+  /// @param map    its planarity cache is brought up to date where it is needed
+  /// @param source [m], sensor frame, deskewed
+  /// @param guess  map_from_source to begin with
+  /// @param sigma_m scale of the robust loss; correspondences beyond 3 sigma are rejected
+  IcpResult align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                  double sigma_m, const Parallel& parallel);
+
+ private:
+  struct Correspondence {
+    Eigen::Vector3f searched_at;   // query position of the last search, from the local origin [m]
+    Eigen::Vector3f target;        // nearest map point, from the local origin [m]
+    Eigen::Vector3f normal;        // of the target's neighbourhood; zero: not planar
+    float other_distance = -1.0F;  // as NearestPoint; negative: never searched
+    std::int32_t voxel = -1;
+    bool fresh = false;  // found by this iteration's search: its normal is to be looked up
+  };
+
+  void search(const LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& local_from_source,
+              double max_distance, const Parallel& parallel);
+  void classify(LocalMap& map, const Parallel& parallel);
+  NormalEquations accumulate(const std::vector<Eigen::Vector3f>& source, const Pose& local_from_source,
+                             double sigma, double max_distance, const Parallel& parallel);
+  Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
+
+  IcpConfig config_;
+  Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
+  std::vector<Correspondence> correspondences_;
+  std::vector<std::int32_t> stale_;
+  std::vector<std::uint32_t> listed_;  // per voxel: epoch in which it was put on stale_
+  std::uint32_t epoch_ = 0;
+  std::vector<NormalEquations> partial_;
+};
+
+}  // namespace hp2

@@ -1,0 +1,153 @@
+// The local map: a hash of blocks of 4x4x4 voxels. A voxel holds a few spread-out points and their moment
+// sums; a neighbourhood of 27 voxels is reached through links between blocks, with one hash look-up for all
+// of it.
+#pragma once
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include <Eigen/Core>
+#include <tsl/robin_map.h>
+
+#include "common/byte_io.hpp"
+#include "common/geometry/pose.hpp"
+#include "frontend/planarity.hpp"
+
+namespace hp2 {
+
+using Voxel3i = Eigen::Vector3i;
+
+/// Integer voxel of a coordinate and the rest [m] above the voxel's corner, exact for maps of any extent.
+struct VoxelPoint {
+  Voxel3i voxel;
+  Eigen::Vector3f offset;  ///< In [0, voxel size).
+};
+
+/// Nearest map point of a query.
+struct NearestPoint {
+  std::int32_t voxel = -1;  ///< Index of the voxel that holds it; -1: none in the 27 voxels.
+  std::int32_t slot = 0;    ///< Which of the voxel's points.
+  float distance_m = std::numeric_limits<float>::infinity();
+  /// No other map point is nearer to the query than this [m]: while the query has moved by less than
+  /// (other_distance_m - its distance to this point), the point is still its nearest one.
+  float other_distance_m = 0.0F;
+};
+
+/// Voxel-hashed local map in a fixed frame. Not thread-safe, but const members may run in parallel.
+class LocalMap {
+ public:
+  /// @param voxel_size_m         edge of a voxel [m], > 0
+  /// @param max_points_per_voxel a voxel takes no more points than this, 1..255
+  /// @param min_spacing_m        points of one voxel are at least this far apart [m]
+  LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m);
+
+  double voxel_size_m() const { return voxel_size_; }
+  std::size_t point_count() const { return point_count_; }
+  std::size_t voxel_count() const { return voxels_.size() - free_voxels_.size(); }
+  bool empty() const { return point_count_ == 0; }
+
+  VoxelPoint locate(const Eigen::Vector3d& p) const;
+
+  /// Adds the points that their voxels still have room for.
+  /// @param points         [m], in a sensor frame
+  /// @param map_from_points their pose
+  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points);
+
+  /// Drops all blocks whose centre is further than `radius_m` from `centre`.
+  void remove_far(const Eigen::Vector3d& centre, double radius_m);
+
+  /// Nearest point to `query` among the 27 voxels around it.
+  NearestPoint nearest(const VoxelPoint& query) const;
+
+  /// Voxel index i's corner coordinates (in voxels) and point `slot`'s offset from that corner [m].
+  const Voxel3i& voxel_coordinates(std::int32_t i) const {
+    return voxels_[static_cast<std::size_t>(i)].coordinates;
+  }
+  const Eigen::Vector3f& point_offset(std::int32_t i, std::int32_t slot) const {
+    return points_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(slot)];
+  }
+
+  /// Planarity of the 27 voxels around voxel i as last computed by update_planarity().
+  const Planarity& planarity(std::int32_t i) const { return planarities_[static_cast<std::size_t>(i)]; }
+  /// True if voxel i's neighbourhood has changed since update_planarity(i).
+  bool planarity_stale(std::int32_t i) const { return voxels_[static_cast<std::size_t>(i)].stale; }
+  /// Recomputes it. Different voxels may be updated in parallel.
+  void update_planarity(std::int32_t i);
+  /// Sum of the moments of the 27 voxels around voxel i, about voxel i's corner.
+  Moments neighbourhood_moments(std::int32_t i) const;
+
+  /// Calls visit(const Eigen::Vector3d& point) for all points, in an order that depends on the history of
+  /// calls alone.
+  template <class Visit>
+  void for_each_point(const Visit& visit) const {
+    for_each_voxel([&](std::int32_t i) {
+      for (std::int32_t s = 0; s < voxels_[static_cast<std::size_t>(i)].count; ++s) visit(point(i, s));
+    });
+  }
+  Eigen::Vector3d point(std::int32_t i, std::int32_t slot) const {
+    return voxel_coordinates(i).cast<double>() * voxel_size_ + point_offset(i, slot).cast<double>();
+  }
+
+  /// Saves all points, and reads them back: save and load give a map with the same answers, bit for bit.
+  void save(ByteWriter& out) const;
+  /// @throws Error if the bytes are damaged
+  void load(ByteReader& in);
+
+ private:
+  struct Voxel {
+    Voxel3i coordinates;
+    std::int32_t count = 0;
+    bool stale = true;
+    Moments moments;
+  };
+  struct Block {
+    Voxel3i coordinates;                      // of the block; -1 links are unset
+    std::array<std::int32_t, 27> neighbours;  // block indices, -1: none; 13 is the block itself
+    std::array<std::int32_t, 64> cells;       // voxel indices, -1: empty
+    bool used = false;
+  };
+  struct KeyHash {
+    std::size_t operator()(std::uint64_t k) const {
+      k ^= k >> 31;
+      k *= 0x9E3779B97F4A7C15ULL;
+      return static_cast<std::size_t>(k ^ (k >> 29));
+    }
+  };
+
+  std::int32_t find_block(const Voxel3i& block) const;
+  std::int32_t find_or_add_block(const Voxel3i& block);
+  void remove_block(std::int32_t b);
+  std::int32_t add_voxel(const Voxel3i& coordinates);
+  bool add_point(std::int32_t voxel, const Eigen::Vector3f& offset);
+  void mark_neighbours_stale(const Voxel3i& voxel);
+  // Calls visit(voxel index, neighbour number 0..26) for the occupied voxels among the 27 around `voxel`.
+  template <class Visit>
+  void for_each_neighbour(const Voxel3i& voxel, const Visit& visit) const;
+  template <class Visit>
+  void for_each_voxel(const Visit& visit) const {
+    for (const Block& b : blocks_) {
+      if (!b.used) continue;
+      for (const std::int32_t c : b.cells) {
+        if (c >= 0) visit(c);
+      }
+    }
+  }
+
+  double voxel_size_, inverse_voxel_size_;
+  std::size_t capacity_;
+  double min_spacing_;
+  float min_spacing2_;
+  std::size_t point_count_ = 0;
+  tsl::robin_map<std::uint64_t, std::int32_t, KeyHash> block_index_;
+  std::vector<Block> blocks_;
+  std::vector<std::int32_t> free_blocks_;
+  std::vector<Voxel> voxels_;
+  std::vector<std::int32_t> free_voxels_;
+  std::vector<Eigen::Vector3f> points_;  // capacity_ a voxel, offsets from the voxel's corner
+  std::vector<Planarity> planarities_;
+  std::vector<std::int32_t> touched_;  // voxels that took a point in this insert()
+};
+
+}  // namespace hp2

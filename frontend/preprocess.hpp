@@ -1,0 +1,61 @@
+// From a raw sweep to the points that are used: range crop, voxel downsampling, deskewing of what is left.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "common/scan.hpp"
+#include "frontend/parallel.hpp"
+
+namespace hp2 {
+
+/// Settings of the preprocessing.
+struct PreprocessConfig {
+  double min_range_m = 1.0;
+  double max_range_m = 100.0;
+  double map_voxel_m = 0.3;     ///< One point a voxel of this edge goes on to the map.
+  double source_voxel_m = 0.6;  ///< Of these one a voxel of this edge is registered.
+};
+
+/// The points of a sweep that survive, in the order of firing.
+struct PreprocessedScan {
+  std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m]: one a map voxel.
+  std::vector<float> time;              ///< Time in sweep, one a point; empty: absent.
+  std::vector<std::uint32_t> source;    ///< Indices into `points`: one a source voxel.
+  int dropped = 0;                      ///< Points of the sweep that were not finite or out of range.
+};
+
+/// Keeps the first point of each voxel. Reuses its tables from scan to scan.
+class Preprocessor {
+ public:
+  explicit Preprocessor(const PreprocessConfig& config);
+
+  /// @param use_time take scan.time along (it must then hold one entry a point)
+  void run(const Scan& scan, bool use_time, const Parallel& parallel, PreprocessedScan& out);
+
+ private:
+  // Set of 32-bit keys that is emptied in no time: an entry counts only if it carries the present generation.
+  class KeySet {
+   public:
+    void clear(std::size_t expected);
+    bool insert(std::uint32_t key);
+
+   private:
+    void grow();
+    std::vector<std::uint64_t> slots_;
+    std::size_t mask_ = 0, size_ = 0;
+    std::uint32_t generation_ = 0;
+  };
+
+  PreprocessConfig config_;
+  struct Part {
+    KeySet set;
+    std::vector<std::uint32_t> keep, keys;  // indices into the scan, and their map-voxel keys
+    int dropped = 0;
+  };
+  std::vector<Part> parts_;
+  KeySet map_set_, source_set_;
+};
+
+}  // namespace hp2

@@ -1,0 +1,95 @@
+#include "frontend/submap_builder.hpp"
+
+#include <cmath>
+#include <utility>
+
+#include "frontend/local_map.hpp"
+
+namespace hp2 {
+namespace {
+
+std::uint64_t voxel_key(const Eigen::Vector3f& p, float inverse_voxel) {
+  constexpr std::uint64_t mask = (std::uint64_t{1} << 21) - 1;
+  const auto key = [&](float v) {
+    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(v * inverse_voxel))) & mask;
+  };
+  return (key(p.x()) << 42) | (key(p.y()) << 21) | key(p.z());
+}
+
+}  // namespace
+
+SubmapBuilder::SubmapBuilder(double length_m, double voxel_m)
+    : length_(length_m), inverse_voxel_(1.0 / voxel_m) {}
+
+std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& points,
+                                         const Pose& odom_from_sensor, ScanPose& scan,
+                                         std::int64_t skipped_before) {
+  scan.submap_from_sensor = submap_.odom_from_submap.inverse() * odom_from_sensor;
+  const bool first_of_session = submap_.id == 0 && submap_.scans.empty();
+  if (!first_of_session) {
+    submap_.travelled_m += (odom_from_sensor.translation - last_odom_from_sensor_.translation).norm();
+  }
+  last_odom_from_sensor_ = odom_from_sensor;
+  submap_.scans_skipped += skipped_before;
+
+  const Eigen::Matrix3f r = scan.submap_from_sensor.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = scan.submap_from_sensor.translation.cast<float>();
+  const auto inverse_voxel = static_cast<float>(inverse_voxel_);
+  const auto index = static_cast<std::int32_t>(submap_.scans.size());
+  for (const auto& point : points) {
+    const Eigen::Vector3f p = r * point + t;
+    if (!voxels_.insert(voxel_key(p, inverse_voxel)).second) continue;
+    submap_.points.push_back(p);
+    submap_.scan_indices.push_back(index);
+  }
+  submap_.scans.push_back(scan);
+  if (submap_.travelled_m < length_) return std::nullopt;
+  return cut();
+}
+
+std::optional<Submap> SubmapBuilder::finish() {
+  if (submap_.scans.empty()) return std::nullopt;
+  return cut();
+}
+
+Submap SubmapBuilder::cut() {
+  Submap done = std::move(submap_);
+  submap_ = Submap();
+  submap_.id = done.id + 1;
+  submap_.odom_from_submap = last_odom_from_sensor_;
+  submap_.points.reserve(done.points.size());
+  submap_.scan_indices.reserve(done.points.size());
+  voxels_.clear();
+  return done;
+}
+
+void SubmapBuilder::save(ByteWriter& out) const {
+  out.put(submap_.id);
+  out.put(submap_.odom_from_submap);
+  out.put(last_odom_from_sensor_);
+}
+
+void SubmapBuilder::load(ByteReader& in) {
+  submap_ = Submap();
+  voxels_.clear();
+  submap_.id = in.take<std::int64_t>();
+  submap_.odom_from_submap = in.take<Pose>();
+  last_odom_from_sensor_ = in.take<Pose>();
+}
+
+void estimate_normals(Submap& submap) {
+  constexpr double kVoxel = 1.0;
+  constexpr float kPlanar = 0.1F;  // planarity score below which a normal is worth giving
+  LocalMap map(kVoxel, 8, 0.0);
+  map.insert(submap.points, Pose());
+  submap.normals.assign(submap.points.size(), Eigen::Vector3f::Zero());
+  for (std::size_t i = 0; i < submap.points.size(); ++i) {
+    const NearestPoint at = map.nearest(map.locate(submap.points[i].cast<double>()));
+    if (at.voxel < 0) continue;
+    if (map.planarity_stale(at.voxel)) map.update_planarity(at.voxel);
+    const Planarity& shape = map.planarity(at.voxel);
+    if (shape.n >= 5.0F && shape.score < kPlanar) submap.normals[i] = shape.normal;
+  }
+}
+
+}  // namespace hp2

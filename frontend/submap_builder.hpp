@@ -1,0 +1,54 @@
+// The open submap: collects one point a voxel and the scans' poses until the back-end gets it (paper, "Local
+// mapping").
+#pragma once
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <Eigen/Core>
+#include <tsl/robin_set.h>
+
+#include "common/byte_io.hpp"
+#include "common/submap.hpp"
+
+namespace hp2 {
+
+/// Cuts the drive into submaps.
+class SubmapBuilder {
+ public:
+  /// @param length_m a submap ends once so much was travelled in it (beta)
+  /// @param voxel_m  one point a voxel of this edge is kept
+  SubmapBuilder(double length_m, double voxel_m);
+
+  std::int64_t id() const { return submap_.id; }
+  const Pose& odom_from_submap() const { return submap_.odom_from_submap; }
+  bool empty() const { return submap_.scans.empty(); }
+  ScanPose& last_scan() { return submap_.scans.back(); }
+
+  /// Adds a registered scan.
+  /// @param points [m], sensor frame, deskewed
+  /// @param scan   its submap_from_sensor is filled in here
+  /// @return the submap if this scan finished it; the next one then begins at this scan's pose
+  std::optional<Submap> add(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
+                            ScanPose& scan, std::int64_t skipped_before);
+  /// Cuts the open submap wherever it is; nothing if it holds no scan.
+  std::optional<Submap> finish();
+
+  /// Between two submaps only.
+  void save(ByteWriter& out) const;
+  void load(ByteReader& in);
+
+ private:
+  Submap cut();
+
+  double length_, inverse_voxel_;
+  Submap submap_;
+  Pose last_odom_from_sensor_;
+  tsl::robin_set<std::uint64_t> voxels_;
+};
+
+/// Fills `submap.normals`: the unit normal of the points in the 27 voxels of 1 m around each point where they
+/// are planar, zero elsewhere. Away from the odometry's path on purpose: it takes milliseconds.
+void estimate_normals(Submap& submap);
+
+}  // namespace hp2
