@@ -77,4 +77,52 @@ inline std::vector<Submap> random_chain(int n, int n_points = 1000) {
   return chain;
 }
 
+/// A crossing of two streets with houses, parked cars, walls and trees, sampled about every 0.4 m with noise;
+/// what stands there is always the same, where the samples fall depends on `seed`. Scene frame: z up, ground
+/// at z = 0.
+inline std::vector<Eigen::Vector3f> street_scene(unsigned seed, double noise_m, const Pose& out_from_scene) {
+  std::mt19937 world(99), rng(seed);
+  std::normal_distribution<double> noise(0.0, noise_m);
+  std::uniform_real_distribution<double> jitter(-0.2, 0.2), unit(0.0, 1.0);
+  std::vector<Eigen::Vector3f> points;
+  const auto put = [&](double x, double y, double z) {
+    const Eigen::Vector3d p(x + noise(rng), y + noise(rng), z + noise(rng));
+    points.push_back((out_from_scene * p).cast<float>());
+  };
+  const auto wall = [&](double x0, double y0, double x1, double y1, double height) {
+    const double length = std::hypot(x1 - x0, y1 - y0);
+    for (double s = 0.0; s < length; s += 0.4) {
+      for (double z = 0.0; z < height; z += 0.4) {
+        const double f = (s + jitter(rng)) / length;
+        put(x0 + f * (x1 - x0), y0 + f * (y1 - y0), z + jitter(rng));
+      }
+    }
+  };
+  for (double x = -45.0; x < 45.0; x += 0.6) {
+    for (double y = -45.0; y < 45.0; y += 0.6) {
+      if (std::abs(y) < 8.0 || std::abs(x - 10.0) < 7.0) put(x + jitter(rng), y + jitter(rng), 0.0);
+    }
+  }
+  for (const double side : {-1.0, 1.0}) {
+    for (double x = -45.0; x < 45.0;) {
+      const double width = 5.0 + 10.0 * unit(world), set_back = 8.0 + 4.0 * unit(world),
+                   height = 3.0 + 7.0 * unit(world);
+      const double depth = 4.0 + 6.0 * unit(world);
+      if (std::abs(x + 0.5 * width - 10.0) > 7.0 + 0.5 * width) {
+        wall(x, side * set_back, x + width, side * set_back, height);
+        wall(x, side * set_back, x, side * (set_back + depth), height);
+      }
+      x += width + 3.0 * unit(world);
+    }
+    for (int i = 0; i < 8; ++i) {
+      const double x = -40.0 + 80.0 * unit(world), y = side * (5.0 + unit(world));
+      wall(x, y, x + 4.0, y, 1.5);
+      wall(x, y, x, y + 1.7 * side, 1.5);
+      const double tx = -40.0 + 80.0 * unit(world), ty = side * 7.0;
+      wall(tx, ty, tx + 0.5, ty, 6.0);
+    }
+  }
+  return points;
+}
+
 }  // namespace hp2::testing
