@@ -1,0 +1,303 @@
+#include "common/transport/convert.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace hp2 {
+namespace {
+
+// Times [us] far beyond any clock's epoch, yet far from overflow when they are added up.
+bool sane_time(std::int64_t utime) {
+  constexpr std::int64_t kMost = std::int64_t{1} << 60;
+  return utime > -kMost && utime < kMost;
+}
+
+template <class Array>
+bool all_finite(const Array& values) {
+  return std::all_of(std::begin(values), std::end(values), [](auto v) { return std::isfinite(v); });
+}
+
+Matrix6d to_matrix(const double (&m)[36]) {
+  return Eigen::Map<const Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(m);
+}
+void from_matrix(const Matrix6d& matrix, double (&m)[36]) {
+  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>{m} = matrix;
+}
+
+std::int8_t to_byte(float unit) {
+  return static_cast<std::int8_t>(std::lround(std::clamp(unit, -1.0F, 1.0F) * 127.0F));
+}
+
+Eigen::Vector3f to_normal(std::int8_t x, std::int8_t y, std::int8_t z) {
+  const Eigen::Vector3f n(x, y, z);
+  const float length = n.norm();
+  return length > 0.0F ? Eigen::Vector3f(n / length) : Eigen::Vector3f::Zero();
+}
+
+submap_scan_t to_message(const ScanPose& scan) {
+  submap_scan_t m{};
+  m.sequence = scan.sequence;
+  m.utime = scan.utime;
+  m.submap_from_sensor = to_message(scan.submap_from_sensor);
+  from_matrix(scan.covariance, m.covariance);
+  m.state = static_cast<std::int8_t>(scan.state);
+  m.alpha = scan.diagnostics.alpha;
+  m.sigma = scan.diagnostics.sigma;
+  m.min_eigenvalue_ratio = scan.diagnostics.min_eigenvalue_ratio;
+  m.iterations = scan.diagnostics.iterations;
+  std::copy(scan.diagnostics.ms.begin(), scan.diagnostics.ms.end(), m.ms);
+  return m;
+}
+
+std::optional<ScanPose> to_scan_pose(const submap_scan_t& m) {
+  const auto pose = to_pose(m.submap_from_sensor);
+  if (!pose || !all_finite(m.covariance) || m.state < 0 || m.state > 2 || !sane_time(m.utime))
+    return std::nullopt;
+  ScanPose scan;
+  scan.sequence = m.sequence;
+  scan.utime = m.utime;
+  scan.submap_from_sensor = *pose;
+  scan.covariance = to_matrix(m.covariance);
+  scan.state = static_cast<TrackingState>(m.state);
+  scan.diagnostics.alpha = m.alpha;
+  scan.diagnostics.sigma = m.sigma;
+  scan.diagnostics.min_eigenvalue_ratio = m.min_eigenvalue_ratio;
+  scan.diagnostics.iterations = m.iterations;
+  std::copy(std::begin(m.ms), std::end(m.ms), scan.diagnostics.ms.begin());
+  return scan;
+}
+
+std::optional<ClosureRecord> to_closure(const closure_t& m) {
+  const auto pose = to_pose(m.from_from_to);
+  if (!pose || !all_finite(m.information)) return std::nullopt;
+  ClosureRecord c;
+  c.from_submap = m.from_submap;
+  c.to_submap = m.to_submap;
+  c.from_from_to = *pose;
+  c.information = to_matrix(m.information);
+  c.inliers = m.inliers;
+  c.overlap = m.overlap;
+  c.residual_m = m.residual;
+  c.accepted = m.accepted != 0;
+  c.reason = m.reason;
+  return c;
+}
+
+}  // namespace
+
+std::optional<Pose> to_pose(const pose_t& m) {
+  if (!all_finite(m.translation) || !all_finite(m.rotation)) return std::nullopt;
+  const Eigen::Quaterniond q(m.rotation[0], m.rotation[1], m.rotation[2], m.rotation[3]);
+  const Eigen::Vector3d t(m.translation[0], m.translation[1], m.translation[2]);
+  if (std::abs(q.norm() - 1.0) > 1e-3 || t.cwiseAbs().maxCoeff() > 1e7) return std::nullopt;
+  Pose pose;
+  // A quaternion that is of unit length to rounding is taken as it is: normalising it again would change its
+  // last bit.
+  pose.rotation = std::abs(q.squaredNorm() - 1.0) < 1e-14 ? q : q.normalized();
+  pose.translation = t;
+  return pose;
+}
+
+pose_t to_message(const Pose& pose) {
+  pose_t m{};
+  for (int i = 0; i < 3; ++i) m.translation[i] = pose.translation[i];
+  m.rotation[0] = pose.rotation.w();
+  m.rotation[1] = pose.rotation.x();
+  m.rotation[2] = pose.rotation.y();
+  m.rotation[3] = pose.rotation.z();
+  return m;
+}
+
+std::vector<std::uint8_t> encode_scan(Scan scan) {
+  scan_t m;
+  m.utime = scan.utime;
+  m.duration = scan.duration_us;
+  m.sensor = std::move(scan.sensor);
+  m.sequence = scan.sequence;
+  m.session_id = 0;
+  m.n = static_cast<std::int32_t>(scan.size());
+  m.x = std::move(scan.x);
+  m.y = std::move(scan.y);
+  m.z = std::move(scan.z);
+  m.n_intensity = static_cast<std::int32_t>(scan.intensity.size());
+  m.intensity = std::move(scan.intensity);
+  m.n_time = static_cast<std::int32_t>(scan.time.size());
+  m.time = std::move(scan.time);
+  return encode_message(m);
+}
+
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size) {
+  scan_t m;
+  if (!safe_decode(data, size, m)) return std::nullopt;
+  constexpr std::int64_t kLongestSweepUs = 60'000'000;
+  if (static_cast<std::size_t>(m.n) > kMaxScanPoints || (m.n_intensity != 0 && m.n_intensity != m.n) ||
+      (m.n_time != 0 && m.n_time != m.n) || !sane_time(m.utime) || m.duration < 0 ||
+      m.duration > kLongestSweepUs || m.sequence < -1 || !sane_time(m.sequence)) {
+    return std::nullopt;
+  }
+  Scan scan;
+  scan.utime = m.utime;
+  scan.duration_us = m.duration;
+  scan.sensor = std::move(m.sensor);
+  scan.sequence = m.sequence;
+  scan.x = std::move(m.x);
+  scan.y = std::move(m.y);
+  scan.z = std::move(m.z);
+  scan.intensity = std::move(m.intensity);
+  scan.time = std::move(m.time);
+  return scan;
+}
+
+std::vector<std::uint8_t> encode_submap(const SubmapPackage& package, std::int64_t session_id) {
+  const Submap& submap = package.submap;
+  submap_t m;
+  m.session_id = session_id;
+  m.id = submap.id;
+  m.odom_from_submap = to_message(submap.odom_from_submap);
+  m.travelled = submap.travelled_m;
+  m.last = package.last ? 1 : 0;
+  const std::size_t n = submap.points.size();
+  m.n = static_cast<std::int32_t>(n);
+  for (auto* array : {&m.x, &m.y, &m.z}) array->resize(n);
+  for (auto* array : {&m.nx, &m.ny, &m.nz}) array->resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    m.x[i] = submap.points[i].x();
+    m.y[i] = submap.points[i].y();
+    m.z[i] = submap.points[i].z();
+    m.nx[i] = to_byte(submap.normals[i].x());
+    m.ny[i] = to_byte(submap.normals[i].y());
+    m.nz[i] = to_byte(submap.normals[i].z());
+  }
+  m.scan_index = submap.scan_indices;
+  m.n_scans = static_cast<std::int32_t>(submap.scans.size());
+  for (const auto& scan : submap.scans) m.scans.push_back(to_message(scan));
+  m.n_scans_skipped = submap.scans_skipped;
+  m.state_size = static_cast<std::int32_t>(package.frontend_state.size());
+  m.state = package.frontend_state;
+  return encode_message(m);
+}
+
+std::optional<SubmapPackage> decode_submap(const std::uint8_t* data, std::size_t size,
+                                           std::int64_t session_id) {
+  submap_t m;
+  if (!safe_decode(data, size, m) || m.session_id != session_id || m.id < 0 || m.n_scans_skipped < 0) {
+    return std::nullopt;
+  }
+  const auto keypose = to_pose(m.odom_from_submap);
+  if (!keypose || !std::isfinite(m.travelled) || !all_finite(m.x) || !all_finite(m.y) || !all_finite(m.z)) {
+    return std::nullopt;
+  }
+  SubmapPackage package;
+  Submap& submap = package.submap;
+  submap.id = m.id;
+  submap.odom_from_submap = *keypose;
+  submap.travelled_m = m.travelled;
+  submap.scans_skipped = m.n_scans_skipped;
+  std::int64_t previous = -1;
+  for (const auto& scan_message : m.scans) {
+    auto scan = to_scan_pose(scan_message);
+    if (!scan || scan->sequence <= previous) return std::nullopt;
+    previous = scan->sequence;
+    submap.scans.push_back(std::move(*scan));
+  }
+  const auto n = static_cast<std::size_t>(m.n);
+  submap.points.resize(n);
+  submap.normals.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (m.scan_index[i] < 0 || m.scan_index[i] >= m.n_scans) return std::nullopt;
+    submap.points[i] = {m.x[i], m.y[i], m.z[i]};
+    submap.normals[i] = to_normal(m.nx[i], m.ny[i], m.nz[i]);
+  }
+  submap.scan_indices = std::move(m.scan_index);
+  package.frontend_state = std::move(m.state);
+  package.last = m.last != 0;
+  return package;
+}
+
+closure_t to_message(const ClosureRecord& closure, std::int64_t session_id, std::int64_t number) {
+  closure_t m{};
+  m.session_id = session_id;
+  m.number = number;
+  m.from_submap = closure.from_submap;
+  m.to_submap = closure.to_submap;
+  m.from_from_to = to_message(closure.from_from_to);
+  from_matrix(closure.information, m.information);
+  m.inliers = closure.inliers;
+  m.overlap = closure.overlap;
+  m.residual = closure.residual_m;
+  m.accepted = closure.accepted ? 1 : 0;
+  m.reason = closure.reason;
+  return m;
+}
+
+std::vector<std::uint8_t> encode_graph(const GraphState& graph, std::int64_t session_id) {
+  graph_t m;
+  m.session_id = session_id;
+  m.revision = graph.revision;
+  m.ended = graph.ended ? 1 : 0;
+  m.map_from_odom = to_message(graph.map_from_odom);
+  m.n_nodes = static_cast<std::int32_t>(graph.map_from_submap.size());
+  for (const auto& pose : graph.map_from_submap) m.map_from_submap.push_back(to_message(pose));
+  m.n_closures = static_cast<std::int32_t>(graph.closures.size());
+  for (std::size_t i = 0; i < graph.closures.size(); ++i) {
+    m.closures.push_back(to_message(graph.closures[i], session_id, static_cast<std::int64_t>(i)));
+  }
+  return encode_message(m);
+}
+
+std::optional<GraphState> decode_graph(const std::uint8_t* data, std::size_t size, std::int64_t session_id) {
+  graph_t m;
+  if (!safe_decode(data, size, m) || m.session_id != session_id) return std::nullopt;
+  GraphState graph;
+  graph.revision = m.revision;
+  graph.ended = m.ended != 0;
+  const auto correction = to_pose(m.map_from_odom);
+  if (!correction) return std::nullopt;
+  graph.map_from_odom = *correction;
+  for (const auto& node : m.map_from_submap) {
+    const auto pose = to_pose(node);
+    if (!pose) return std::nullopt;
+    graph.map_from_submap.push_back(*pose);
+  }
+  for (const auto& c : m.closures) {
+    auto closure = to_closure(c);
+    if (!closure || closure->from_submap < 0 || closure->to_submap < 0 || closure->from_submap >= m.n_nodes ||
+        closure->to_submap >= m.n_nodes) {
+      return std::nullopt;
+    }
+    graph.closures.push_back(std::move(*closure));
+  }
+  return graph;
+}
+
+std::vector<std::uint8_t> encode_trajectory(const GraphState& graph, std::int64_t session_id) {
+  trajectory_t m;
+  m.session_id = session_id;
+  m.revision = graph.revision;
+  m.n = static_cast<std::int32_t>(graph.trajectory.size());
+  for (const auto& p : graph.trajectory) {
+    m.sequence.push_back(p.sequence);
+    m.utime.push_back(p.utime);
+    m.submap.push_back(static_cast<std::int32_t>(p.submap));
+    m.odom_from_sensor.push_back(to_message(p.odom_from_sensor));
+    m.map_from_sensor.push_back(to_message(p.map_from_sensor));
+  }
+  return encode_message(m);
+}
+
+std::optional<TrajectoryAtRevision> decode_trajectory(const std::uint8_t* data, std::size_t size,
+                                                      std::int64_t session_id) {
+  trajectory_t m;
+  if (!safe_decode(data, size, m) || m.session_id != session_id) return std::nullopt;
+  TrajectoryAtRevision result;
+  result.revision = m.revision;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(m.n); ++i) {
+    const auto odom = to_pose(m.odom_from_sensor[i]), map = to_pose(m.map_from_sensor[i]);
+    if (!odom || !map || m.submap[i] < 0 || !sane_time(m.utime[i])) return std::nullopt;
+    result.trajectory.push_back({m.sequence[i], m.utime[i], m.submap[i], *odom, *map});
+  }
+  return result;
+}
+
+}  // namespace hp2

@@ -1,0 +1,105 @@
+#include "common/transport/endpoint.hpp"
+
+#include <algorithm>
+#include <random>
+
+#include <spdlog/spdlog.h>
+
+#include "common/transport/channels.hpp"
+#include "common/transport/inbox.hpp"
+#include "common/transport/outbox.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr int kOfferQueue = 200;
+constexpr int kFetchQueue = 500;
+constexpr std::int64_t kSecond = 1'000'000;
+
+}  // namespace
+
+std::int64_t random_id() {
+  std::random_device device;
+  const std::uint64_t bits = std::uint64_t{device()} << 32U | device();
+  return static_cast<std::int64_t>(bits >> 2U) | 1;
+}
+
+Endpoint::Endpoint(Bus& bus) : bus_(bus), sender_id_(random_id()) {
+  // One datagram's room is left for everything that this process did not ask for.
+  max_window_ = window_ = std::clamp(bus.receive_capacity() - 1, 1, 8);
+  for (const char* name : {"chunks_sent", "chunks_resent", "duplicates", "lost", "rejected"})
+    counters_[name] = 0;
+  bus_.subscribe(
+      kOfferChannel, [this](const auto* data, auto size) { on_offer(data, size); }, kOfferQueue);
+  bus_.subscribe(
+      kFetchChannel, [this](const auto* data, auto size) { on_fetch(data, size); }, kFetchQueue);
+}
+
+void Endpoint::set_session(std::int64_t session_id) { session_id_ = session_id; }
+
+void Endpoint::reject(const std::string& channel, const std::string& why) {
+  ++counters_["rejected"];
+  if (last_reject_log_us_ == 0 || bus_.now_us() - last_reject_log_us_ > kSecond) {
+    last_reject_log_us_ = bus_.now_us();
+    spdlog::warn("rejected a message on {}: {} ({} so far)", channel, why, counters_["rejected"]);
+  }
+}
+
+void Endpoint::on_offer(const std::uint8_t* data, std::size_t size) {
+  offer_t offer;
+  if (!safe_decode(data, size, offer)) return reject(kOfferChannel, "not a valid offer_t");
+  if (offer.session_id <= 0 || offer.sender_id == 0 || offer.first_id < 0 || offer.next_id < offer.first_id) {
+    return reject(kOfferChannel, "impossible numbers in an offer of topic " + offer.topic.substr(0, 40));
+  }
+  if (offer.sender_id == sender_id_) return;
+  if (session_id_ == 0 && adopt_from_.count(offer.topic) != 0) {
+    spdlog::info("session {}", offer.session_id);
+    set_session(offer.session_id);
+  }
+  if (session_id_ == 0) return;
+  if (offer.session_id != session_id_) {
+    if (bus_.now_us() - last_other_session_log_us_ > 10 * kSecond) {
+      last_other_session_log_us_ = bus_.now_us();
+      spdlog::warn("ignoring offers of another session ({}); this is session {}", offer.session_id,
+                   session_id_);
+    }
+    return;
+  }
+  for (auto* inbox : inboxes_) {
+    if (inbox->topic() == offer.topic) inbox->on_offer(offer);
+  }
+}
+
+void Endpoint::on_fetch(const std::uint8_t* data, std::size_t size) {
+  fetch_t fetch;
+  if (!safe_decode(data, size, fetch)) return reject(kFetchChannel, "not a valid fetch_t");
+  if (fetch.target_id != sender_id_ || fetch.session_id != session_id_) return;
+  if (fetch.sender_id == 0 || fetch.done_id < 0 || fetch.wanted_id < 0 || fetch.message_id < 0) {
+    return reject(kFetchChannel, "impossible numbers");
+  }
+  for (auto* outbox : outboxes_) {
+    if (outbox->topic() == fetch.topic) outbox->on_fetch(fetch);
+  }
+}
+
+void Endpoint::poll() {
+  for (auto* outbox : outboxes_) outbox->poll();
+  for (auto* inbox : inboxes_) inbox->poll();
+}
+
+void Endpoint::window_loss() {
+  successes_ = 0;
+  // Several pieces of one burst that are lost together are one event.
+  if (last_loss_us_ != 0 && bus_.now_us() - last_loss_us_ < 20'000) return;
+  last_loss_us_ = bus_.now_us();
+  window_ = std::max(1, window_ / 2);
+}
+
+void Endpoint::window_success() {
+  if (++successes_ >= 32 && window_ < max_window_) {
+    ++window_;
+    successes_ = 0;
+  }
+}
+
+}  // namespace hp2

@@ -1,0 +1,95 @@
+#include "common/transport/message_loader.hpp"
+
+#include <exception>
+#include <iterator>
+#include <utility>
+
+namespace hp2 {
+namespace {
+
+// Messages kept behind the newest one asked for: a reader asks again for pieces that it lost.
+constexpr std::int64_t kBehind = 4;
+
+}  // namespace
+
+MessageLoader::MessageLoader(Load load, int ahead, int threads) : load_(std::move(load)), ahead_(ahead) {
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+}
+
+MessageLoader::~MessageLoader() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  for (auto& thread : threads_) thread.join();
+}
+
+void MessageLoader::set_end(std::int64_t end) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  end_ = end;
+  wake_.notify_all();
+}
+
+EncodedMessagePtr MessageLoader::get(std::int64_t id) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (id > wanted_ || id < wanted_ - kBehind) {
+    wanted_ = id;
+    for (auto it = ready_.begin(); it != ready_.end();) {
+      const bool keep = it->first >= wanted_ - kBehind && it->first <= wanted_ + ahead_;
+      it = keep ? std::next(it) : ready_.erase(it);
+    }
+    wake_.notify_all();
+  }
+  const auto it = ready_.find(id);
+  if (it != ready_.end()) return it->second;
+  missed_ = id;
+  wake_.notify_all();
+  return nullptr;
+}
+
+std::optional<std::string> MessageLoader::take_error() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return std::exchange(error_, std::nullopt);
+}
+
+std::optional<std::int64_t> MessageLoader::choose() const {
+  const auto open = [this](std::int64_t id) {
+    return id >= 0 && id < end_ && ready_.count(id) == 0 && busy_.count(id) == 0;
+  };
+  if (open(missed_)) return missed_;
+  for (std::int64_t id = wanted_; id <= wanted_ + ahead_; ++id) {
+    if (open(id)) return id;
+  }
+  return std::nullopt;
+}
+
+void MessageLoader::work() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (!stop_) {
+    const auto id = error_ ? std::nullopt : choose();
+    if (!id) {
+      wake_.wait(lock);
+      continue;
+    }
+    busy_.insert(*id);
+    lock.unlock();
+    EncodedMessagePtr message;
+    std::string error;
+    try {
+      message = std::make_shared<EncodedMessage>(load_(*id));
+    } catch (const std::exception& e) {
+      error = e.what();
+    }
+    lock.lock();
+    busy_.erase(*id);
+    if (message) {
+      ready_[*id] = std::move(message);
+      if (missed_ == *id) missed_ = -1;
+    } else {
+      error_ = error;
+    }
+  }
+}
+
+}  // namespace hp2

@@ -1,0 +1,140 @@
+#include "common/transport/outbox.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "common/transport/channels.hpp"
+#include "common/transport/crc32.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr std::int64_t kOfferPeriodUs = 250'000;
+constexpr std::int64_t kForgetRequestUs = 2'000'000;
+constexpr std::size_t kMostWaiting = 16;
+constexpr std::size_t kMostIndices = 64;
+constexpr int kUnaskedPiecesATick = 2;
+
+}  // namespace
+
+EncodedMessage::EncodedMessage(std::vector<std::uint8_t> encoded)
+    : bytes(std::move(encoded)),
+      crc(crc32(bytes.data(), bytes.size())),
+      pieces(std::max(1, static_cast<int>((bytes.size() + kPieceBytes - 1) / kPieceBytes))),
+      sent(static_cast<std::size_t>(pieces), false) {}
+
+Outbox::Outbox(Endpoint& endpoint, std::string topic, Provider provider)
+    : endpoint_(endpoint), topic_(std::move(topic)), provider_(std::move(provider)) {
+  offer_.first_id = offer_.next_id = 0;
+  offer_.ended = 0;
+  offer_.pacing = offer_t::LOCKSTEP;
+  endpoint_.outboxes_.push_back(this);
+}
+
+Outbox::~Outbox() {
+  auto& all = endpoint_.outboxes_;
+  all.erase(std::remove(all.begin(), all.end(), this), all.end());
+}
+
+void Outbox::offer(std::int64_t first, std::int64_t next, bool ended, std::int8_t pacing) {
+  const bool changed = !offered_ || first != offer_.first_id || next != offer_.next_id ||
+                       ended != (offer_.ended != 0) || pacing != offer_.pacing;
+  offer_.first_id = first;
+  offer_.next_id = next;
+  offer_.ended = ended ? 1 : 0;
+  offer_.pacing = pacing;
+  offered_ = true;
+  if (changed) publish_offer();
+}
+
+void Outbox::publish_offer() {
+  if (endpoint_.session_id() == 0) return;
+  offer_.utime = endpoint_.bus().wall_us();
+  offer_.session_id = endpoint_.session_id();
+  offer_.sender_id = endpoint_.sender_id();
+  offer_.topic = topic_;
+  last_offer_us_ = endpoint_.bus().now_us();
+  endpoint_.publish(kOfferChannel, offer_);
+}
+
+void Outbox::on_fetch(const fetch_t& fetch) {
+  if (!offered_) return;
+  reader_id_ = fetch.sender_id;
+  heard_us_ = endpoint_.bus().now_us();
+  wanted_id_ = std::min(fetch.wanted_id, offer_.next_id);
+  done_id_ = std::max(done_id_, std::min(fetch.done_id, offer_.next_id));
+  if (on_reader_) on_reader_(fetch);
+  if (fetch.n == 0 || fetch.message_id < offer_.first_id || fetch.message_id >= offer_.next_id) return;
+  Request request{fetch.message_id, fetch.indices, endpoint_.bus().now_us()};
+  if (request.indices.size() > kMostIndices) request.indices.resize(kMostIndices);
+  if (answer(request)) return;
+  const auto same = std::find_if(waiting_.begin(), waiting_.end(),
+                                 [&](const Request& r) { return r.message_id == request.message_id; });
+  if (same != waiting_.end()) {
+    *same = std::move(request);
+  } else {
+    if (waiting_.size() >= kMostWaiting) waiting_.pop_front();
+    waiting_.push_back(std::move(request));
+  }
+}
+
+bool Outbox::answer(const Request& request) {
+  const auto message = provider_(request.message_id);
+  if (!message) return false;
+  for (const auto index : request.indices) {
+    if (index == -1) {
+      everything_.clear();
+      for (int i = 0; i < message->pieces; ++i) everything_.emplace_back(request.message_id, i);
+    } else if (index >= 0 && index < message->pieces) {
+      send_piece(request.message_id, *message, index);
+    }
+  }
+  return true;
+}
+
+void Outbox::send_piece(std::int64_t id, EncodedMessage& message, int index) {
+  const std::size_t offset = static_cast<std::size_t>(index) * kPieceBytes;
+  chunk_t chunk;
+  chunk.session_id = any_session_ ? 0 : endpoint_.session_id();
+  chunk.sender_id = endpoint_.sender_id();
+  chunk.message_id = id;
+  chunk.index = index;
+  chunk.count = message.pieces;
+  chunk.total_size = static_cast<std::int32_t>(message.bytes.size());
+  chunk.offset = static_cast<std::int32_t>(offset);
+  chunk.crc32 = static_cast<std::int32_t>(message.crc);
+  chunk.size = static_cast<std::int32_t>(std::min(kPieceBytes, message.bytes.size() - offset));
+  chunk.data.assign(message.bytes.begin() + static_cast<std::ptrdiff_t>(offset),
+                    message.bytes.begin() + static_cast<std::ptrdiff_t>(offset) + chunk.size);
+  ++endpoint_.counters()["chunks_sent"];
+  if (message.sent[static_cast<std::size_t>(index)]) ++endpoint_.counters()["chunks_resent"];
+  message.sent[static_cast<std::size_t>(index)] = true;
+  endpoint_.publish(chunk_channel(topic_), chunk);
+}
+
+void Outbox::poll() {
+  if (!offered_) return;
+  const std::int64_t now = endpoint_.bus().now_us();
+  if (now - last_offer_us_ >= kOfferPeriodUs) publish_offer();
+  for (std::size_t n = waiting_.size(); n > 0; --n) {
+    Request request = std::move(waiting_.front());
+    waiting_.pop_front();
+    if (now - request.since_us > kForgetRequestUs || request.message_id < offer_.first_id ||
+        request.message_id >= offer_.next_id) {
+      continue;
+    }
+    if (!answer(request)) waiting_.push_back(std::move(request));
+  }
+  for (int n = 0; n < kUnaskedPiecesATick && !everything_.empty(); ++n) {
+    const auto [id, index] = everything_.front();
+    const auto message = id >= offer_.first_id && id < offer_.next_id ? provider_(id) : nullptr;
+    if (!message) {
+      everything_.clear();
+      break;
+    }
+    everything_.pop_front();
+    send_piece(id, *message, index);
+  }
+}
+
+}  // namespace hp2

@@ -1,0 +1,111 @@
+#include "common/transport/presence.hpp"
+
+#include <algorithm>
+#include <array>
+#include <unistd.h>
+
+#include <spdlog/spdlog.h>
+
+#include "common/program.hpp"
+#include "common/transport/channels.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr std::int64_t kPeriodUs = 500'000;
+constexpr std::int64_t kRateWindowUs = 3'000'000;
+constexpr std::int64_t kLiveUs = 1'500'000;
+constexpr std::size_t kMostPeers = 64;
+constexpr std::size_t kMostCounters = 100;
+constexpr std::size_t kLongestText = 300;
+constexpr int kStatusQueue = 64;
+
+std::string host_name() {
+  std::array<char, 256> name{};
+  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
+}
+
+}  // namespace
+
+Presence::Presence(Endpoint& endpoint, std::string process)
+    : endpoint_(endpoint), process_(std::move(process)), host_(host_name()) {
+  endpoint_.bus().subscribe(
+      kStatusChannel, [this](const auto* data, auto size) { on_status(data, size); }, kStatusQueue);
+}
+
+void Presence::set(const Report& report) {
+  const bool news = report.state != report_.state || report.text != report_.text;
+  report_ = report;
+  if (news) spdlog::info("{}", report_.text);
+  poll(news);
+}
+
+double Presence::rate() const {
+  if (history_.size() < 2) return 0.0;
+  const auto& [t0, done0] = history_.front();
+  const auto& [t1, done1] = history_.back();
+  return t1 > t0 ? 1e6 * static_cast<double>(done1 - done0) / static_cast<double>(t1 - t0) : 0.0;
+}
+
+void Presence::poll(bool force) {
+  const std::int64_t now = endpoint_.bus().now_us();
+  if (!force && now - last_us_ < kPeriodUs) return;
+  last_us_ = now;
+  if (!history_.empty() && report_.done < history_.back().second) history_.clear();
+  history_.emplace_back(now, report_.done);
+  while (now - history_.front().first > kRateWindowUs) history_.pop_front();
+  status_t m;
+  m.utime = endpoint_.bus().wall_us();
+  m.session_id = endpoint_.session_id();
+  m.sender_id = endpoint_.sender_id();
+  m.number = number_++;
+  m.process = process_;
+  m.version = version();
+  m.pid = ::getpid();
+  m.host = host_;
+  m.state = report_.state;
+  m.text = report_.text;
+  m.done = report_.done;
+  m.total = report_.total;
+  m.rate = rate();
+  m.peak_memory_mb = peak_memory_mb();
+  for (const auto& [name, value] : endpoint_.counters()) {
+    counter_t counter;
+    counter.name = name;
+    counter.value = value;
+    m.counters.push_back(std::move(counter));
+  }
+  m.n_counters = static_cast<std::int32_t>(m.counters.size());
+  endpoint_.publish(kStatusChannel, m);
+}
+
+void Presence::on_status(const std::uint8_t* data, std::size_t size) {
+  status_t m;
+  if (!safe_decode(data, size, m)) return endpoint_.reject(kStatusChannel, "not a valid status_t");
+  if (m.counters.size() > kMostCounters || m.text.size() > kLongestText || m.process.size() > kLongestText ||
+      m.host.size() > kLongestText || m.version.size() > kLongestText || m.sender_id == 0) {
+    return endpoint_.reject(kStatusChannel, "longer than any process writes");
+  }
+  if (m.sender_id == endpoint_.sender_id()) return;
+  if (peers_.size() >= kMostPeers && peers_.count(m.sender_id) == 0) {
+    peers_.erase(std::min_element(peers_.begin(), peers_.end(), [](const auto& a, const auto& b) {
+      return a.second.heard_us < b.second.heard_us;
+    }));
+  }
+  const std::int64_t sender = m.sender_id;
+  peers_[sender] = Peer{std::move(m), endpoint_.bus().now_us()};
+}
+
+const Peer* Presence::live(const std::string& name) const {
+  const std::int64_t now = endpoint_.bus().now_us();
+  for (const auto& [id, peer] : peers_) {
+    const bool ended = peer.status.state == status_t::FINISHED || peer.status.state == status_t::FAILED;
+    if (peer.status.process == name && peer.status.session_id == endpoint_.session_id() && !ended &&
+        now - peer.heard_us < kLiveUs) {
+      return &peer;
+    }
+  }
+  return nullptr;
+}
+
+}  // namespace hp2

@@ -1,0 +1,60 @@
+// Every process says twice a second who it is and how it fares, and listens to the others.
+#pragma once
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "common/transport/endpoint.hpp"
+
+namespace hp2 {
+
+/// What a process says of itself.
+struct Report {
+  std::int8_t state = status_t::WAITING;
+  std::string text;         ///< What it does or waits for, in words.
+  std::int64_t done = 0;    ///< Scans, submaps or files.
+  std::int64_t total = -1;  ///< -1: not known.
+};
+
+/// Another process, as it spoke last.
+struct Peer {
+  status_t status;
+  std::int64_t heard_us = 0;
+};
+
+/// Publishes STATUS and keeps the others' last words. Belongs to the bus's thread.
+class Presence {
+ public:
+  /// @param process name, e.g. "hp2_frontend"
+  Presence(Endpoint& endpoint, std::string process);
+
+  /// Takes the new report; a change of state or text is published at once and logged.
+  void set(const Report& report);
+  const Report& report() const { return report_; }
+  /// `done` per second over the last 3 seconds.
+  double rate() const;
+  /// Publishes what is due. @param force publishes now
+  void poll(bool force = false);
+
+  /// Processes heard, by sender id; at most 64, the longest silent ones are forgotten first.
+  const std::map<std::int64_t, Peer>& peers() const { return peers_; }
+  /// A process `name` of this session that spoke in the last 1.5 s and has not said that it ended, other than
+  /// this one.
+  const Peer* live(const std::string& name) const;
+  /// Number of STATUS messages sent.
+  std::int64_t number() const { return number_; }
+
+ private:
+  void on_status(const std::uint8_t* data, std::size_t size);
+
+  Endpoint& endpoint_;
+  std::string process_, host_;
+  Report report_;
+  std::int64_t number_ = 0, last_us_ = 0;
+  std::deque<std::pair<std::int64_t, std::int64_t>> history_;  // (time, done)
+  std::map<std::int64_t, Peer> peers_;
+};
+
+}  // namespace hp2

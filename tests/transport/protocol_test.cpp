@@ -1,0 +1,248 @@
+#include <memory>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "common/transport/channels.hpp"
+#include "common/transport/crc32.hpp"
+#include "common/transport/inbox.hpp"
+#include "common/transport/outbox.hpp"
+#include "tests/transport/fake_bus.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr std::int64_t kSession = 77;
+
+std::vector<std::uint8_t> message_bytes(std::int64_t id) {
+  std::mt19937 rng(static_cast<unsigned>(id));
+  std::vector<std::uint8_t> bytes(8 + rng() % 400'000);
+  for (auto& b : bytes) b = static_cast<std::uint8_t>(rng());
+  return bytes;
+}
+
+struct Owner {
+  explicit Owner(FakeNetwork& network, const std::string& topic = "T")
+      : bus(network), endpoint(bus), outbox(endpoint, topic, [this](std::int64_t id) { return get(id); }) {
+    endpoint.set_session(kSession);
+  }
+  EncodedMessagePtr get(std::int64_t id) {
+    auto& m = messages[id];
+    if (!m) m = std::make_shared<EncodedMessage>(message_bytes(id));
+    return m;
+  }
+  FakeBus bus;
+  Endpoint endpoint;
+  std::map<std::int64_t, EncodedMessagePtr> messages;
+  Outbox outbox;
+};
+
+struct Reader {
+  explicit Reader(FakeNetwork& network, Inbox::Options options = {"T"})
+      : bus(network), endpoint(bus), inbox(endpoint, options, [this](Delivery d) { take(std::move(d)); }) {
+    endpoint.set_session(kSession);
+    inbox.on_unasked([this](Delivery d) { unasked.push_back(d.id); });
+  }
+  void take(Delivery d) {
+    ids.push_back(d.id);
+    const auto expected = message_bytes(d.id);
+    ASSERT_EQ(d.bytes->size, expected.size());
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), d.bytes->data.get()));
+  }
+  FakeBus bus;
+  Endpoint endpoint;
+  Inbox inbox;
+  std::vector<std::int64_t> ids, unasked;
+};
+
+std::vector<std::int64_t> range(std::int64_t first, std::int64_t next) {
+  std::vector<std::int64_t> v;
+  for (; first < next; ++first) v.push_back(first);
+  return v;
+}
+
+template <class... Parties>
+void run(FakeNetwork& network, int steps, Parties&... parties) {
+  for (int i = 0; i < steps; ++i) {
+    (parties.endpoint.poll(), ...);
+    network.step(1000);
+  }
+}
+
+TEST(Crc32, IsZlibs) {
+  EXPECT_EQ(crc32("123456789", 9), 0xCBF43926U);
+  EXPECT_EQ(crc32("", 0), 0U);
+  const std::string fox = "The quick brown fox jumps over the lazy dog";
+  EXPECT_EQ(crc32(fox.data(), fox.size()), 0x414FA339U);
+}
+
+TEST(Protocol, AllMessagesArriveInOrderAndNeverOverrunTheReceiveBuffer) {
+  FakeNetwork network;
+  Owner owner(network);
+  Reader reader(network);
+  owner.outbox.offer(0, 30, true);
+  run(network, 500, owner, reader);
+  EXPECT_EQ(reader.ids, range(0, 30));
+  EXPECT_EQ(network.overflowed, 0);
+  EXPECT_EQ(owner.endpoint.counters()["chunks_resent"], 0);
+}
+
+TEST(Protocol, SurvivesLossDuplicationAndReordering) {
+  FakeNetwork network;
+  network.loss = 0.1;
+  network.duplication = 0.05;
+  network.reordering = 0.2;
+  Owner owner(network);
+  Reader reader(network);
+  owner.outbox.offer(0, 50, true);
+  run(network, 30'000, owner, reader);
+  EXPECT_EQ(reader.ids, range(0, 50));
+  EXPECT_GT(owner.endpoint.counters()["chunks_resent"], 0);
+}
+
+TEST(Protocol, DamagedBytesAreNoticedAndAskedForAgain) {
+  FakeNetwork network;
+  int count = 0;
+  network.tamper = [&](const std::string& channel, auto& bytes) {
+    if (channel == "HP2_CHUNK_T" && ++count % 7 == 0) bytes[bytes.size() / 2] ^= 1U;
+  };
+  Owner owner(network);
+  Reader reader(network);
+  owner.outbox.offer(0, 10, true);
+  run(network, 5000, owner, reader);
+  EXPECT_EQ(reader.ids, range(0, 10));
+  EXPECT_GT(reader.endpoint.counters()["rejected"], 0);
+}
+
+TEST(Protocol, AnOwnerThatDiesIsReplacedByTheNext) {
+  FakeNetwork network;
+  auto owner = std::make_unique<Owner>(network);
+  Reader reader(network);
+  owner->outbox.offer(0, 40, true);
+  reader.inbox.set_limit(20);
+  run(network, 100, *owner, reader);
+  reader.inbox.set_limit(40);  // asks for the next pieces, which come to nothing
+  owner.reset();
+  EXPECT_EQ(reader.ids, range(0, 20));
+  run(network, 3000, reader);
+  Owner again(network);
+  again.outbox.offer(0, 40, true);
+  run(network, 3000, again, reader);
+  EXPECT_EQ(reader.ids, range(0, 40));
+}
+
+TEST(Protocol, AReaderThatDiesIsReplacedByTheNextWhereItSaysItIs) {
+  FakeNetwork network;
+  Owner owner(network);
+  auto reader = std::make_unique<Reader>(network);
+  owner.outbox.offer(0, 40, true);
+  run(network, 10, owner, *reader);
+  reader->inbox.acknowledge(8, 5);
+  run(network, 30, owner, *reader);
+  EXPECT_EQ(owner.outbox.done_id(), 5);
+  EXPECT_EQ(owner.outbox.wanted_id(), 8);
+  reader.reset();
+  Reader next(network);
+  next.inbox.seek(5);
+  run(network, 3000, owner, next);
+  EXPECT_EQ(next.ids, range(5, 40));
+}
+
+TEST(Protocol, TheConsumerSetsThePace) {
+  FakeNetwork network;
+  Owner owner(network);
+  Reader reader(network);
+  reader.inbox.set_limit(3);
+  owner.outbox.offer(0, 40, true);
+  run(network, 500, owner, reader);
+  EXPECT_EQ(reader.ids, range(0, 3));
+  reader.inbox.set_limit(7);
+  run(network, 500, owner, reader);
+  EXPECT_EQ(reader.ids, range(0, 7));
+}
+
+TEST(Protocol, LatestSkipsWhatIsOutdated) {
+  FakeNetwork network;
+  Owner owner(network);
+  Reader reader(network, {"T", Inbox::Order::kLatest});
+  owner.outbox.offer(3, 4, false);
+  run(network, 300, owner, reader);
+  owner.outbox.offer(9, 10, false);
+  run(network, 300, owner, reader);
+  EXPECT_EQ(reader.ids, (std::vector<std::int64_t>{3, 9}));
+}
+
+TEST(Protocol, MessagesThatAreNotReadyYetComeWhenTheyAre) {
+  FakeNetwork network;
+  FakeBus bus(network);
+  Endpoint endpoint(bus);
+  endpoint.set_session(kSession);
+  bool ready = false;
+  const auto message = std::make_shared<EncodedMessage>(message_bytes(0));
+  Outbox outbox(endpoint, "T", [&](std::int64_t) { return ready ? message : nullptr; });
+  Reader reader(network);
+  outbox.offer(0, 1, true);
+  for (int i = 0; i < 300; ++i) {
+    if (i == 200) ready = true;
+    endpoint.poll();
+    reader.endpoint.poll();
+    network.step(1000);
+  }
+  EXPECT_EQ(reader.ids, range(0, 1));
+}
+
+TEST(Protocol, OtherSessionsAndTwinsAreLeftAlone) {
+  FakeNetwork network;
+  Owner owner(network), twin(network), other(network);
+  other.endpoint.set_session(kSession + 1);
+  Reader reader(network);
+  owner.outbox.offer(0, 5, true);
+  run(network, 1, owner, reader);
+  twin.outbox.offer(0, 20, true);
+  other.outbox.offer(0, 30, true);
+  run(network, 500, owner, twin, other, reader);
+  EXPECT_EQ(reader.ids, range(0, 5));
+  EXPECT_EQ(twin.endpoint.counters()["chunks_sent"], 0);
+  EXPECT_EQ(other.endpoint.counters()["chunks_sent"], 0);
+}
+
+TEST(Protocol, UnaskedPiecesAreTakenWhereAllowed) {
+  FakeNetwork network;
+  Owner owner(network);
+  Reader recorder(network);  // its wishes make the owner send
+  Inbox::Options options{"T"};
+  options.accept_unasked = true;
+  Reader listener(network, options);
+  listener.endpoint.set_session(0);  // hears no offer, as in the replay of a recording
+  owner.outbox.send_for_any_session();
+  owner.outbox.offer(0, 10, true);
+  run(network, 500, owner, recorder, listener);
+  EXPECT_EQ(recorder.ids, range(0, 10));
+  EXPECT_EQ(listener.unasked, range(0, 10));
+}
+
+TEST(Protocol, AllPiecesAtOnceAreSentSlowlyEnough) {
+  FakeNetwork network;
+  Owner owner(network);
+  FakeBus bus(network);
+  std::size_t got = 0;
+  bus.subscribe(
+      "HP2_CHUNK_T", [&](const auto*, auto) { ++got; }, 100);
+  owner.outbox.offer(0, 3, true);
+  fetch_t fetch{};
+  fetch.session_id = kSession;
+  fetch.sender_id = 5;
+  fetch.target_id = owner.endpoint.sender_id();
+  fetch.topic = "T";
+  fetch.message_id = 2;
+  fetch.n = 1;
+  fetch.indices = {-1};
+  const auto bytes = encode_message(fetch);
+  bus.publish(kFetchChannel, bytes.data(), bytes.size());
+  run(network, 100, owner);
+  EXPECT_EQ(got, (message_bytes(2).size() + kPieceBytes - 1) / kPieceBytes);
+  EXPECT_EQ(network.overflowed, 0);
+}
+
+}  // namespace
+}  // namespace hp2
