@@ -28,6 +28,9 @@ class DriveSource final : public ScanSource {
   std::size_t size() const override { return selected_.size(); }
   const std::vector<StampedPose>& ground_truth() const override { return ground_truth_; }
   std::vector<std::string> warnings() const override { return drive_.warnings; }
+  std::optional<std::int64_t> utime_end(std::size_t index) const override {
+    return drive_.scans[selected_.at(index)].utime_end();
+  }
 
   Scan read(std::size_t index) const override {
     if (index >= selected_.size())

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,6 +39,12 @@ class ScanSource {
   /// the sweep. Thread-safe: several threads may read different scans at once.
   /// @throws Error if the file cannot be read, is truncated or lies about its size
   virtual Scan read(std::size_t index) const = 0;
+  /// End of the sweep of scan `index` [us] as far as it is known without reading the scan; for real-time
+  /// pacing.
+  virtual std::optional<std::int64_t> utime_end(std::size_t index) const {
+    (void)index;
+    return std::nullopt;
+  }
   /// Ground truth in the LiDAR's frame, one a scan, at the END of each sweep where the data set knows it and
   /// at the scan's stamp otherwise; empty if there is none.
   virtual const std::vector<StampedPose>& ground_truth() const = 0;
