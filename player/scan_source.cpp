@@ -6,6 +6,7 @@
 #include "player/drive.hpp"
 #include "player/file_io.hpp"
 #include "player/layout.hpp"
+#include "player/synthetic/synthetic_source.hpp"
 
 namespace hp2 {
 namespace {
@@ -27,6 +28,7 @@ std::string recognise_format(const std::string& path) {
 }
 
 std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOptions& options) {
+  if (spec.rfind("synthetic:", 0) == 0) return open_synthetic(spec, options);
   if (!is_folder(spec) && !is_file(spec))
     throw Error("there is no such folder or file", spec,
                 "Name a drive's folder (its format is recognised) or synthetic:SCENE[:SEED].");
