@@ -25,7 +25,11 @@ class PngCanvas : public Canvas {
  public:
   PngCanvas(int width, int height, const Color& background)
       : Canvas(width, height), image_(height * kScale, width * kScale, CV_8UC3, bgr(background)) {
-    clip(0, 0, 0, 0);
+    PngCanvas::clip(0, 0, 0, 0);
+  }
+
+  void cover_with(const cv::Mat& picture) {
+    cv::resize(picture, image_, image_.size(), 0, 0, cv::INTER_NEAREST);
   }
 
   void rectangle(double x, double y, double w, double h, const Color& fill) override {
@@ -267,6 +271,19 @@ std::unique_ptr<Canvas> make_canvas(ImageFormat format, int width, int height, c
   height = std::clamp(height, 1, 20000);
   if (format == ImageFormat::kSvg) return std::make_unique<SvgCanvas>(width, height, background);
   return std::make_unique<PngCanvas>(width, height, background);
+}
+
+std::unique_ptr<Canvas> make_canvas_over(const std::vector<unsigned char>& rgb, int width, int height) {
+  auto canvas = std::make_unique<PngCanvas>(width, height, Color{});
+  cv::Mat picture(height, width, CV_8UC3);
+  for (int r = 0; r < height; ++r) {
+    for (int c = 0; c < width; ++c) {
+      const unsigned char* p = &rgb[3 * (static_cast<std::size_t>(r) * width + c)];
+      picture.at<cv::Vec3b>(r, c) = {p[2], p[1], p[0]};
+    }
+  }
+  canvas->cover_with(picture);
+  return canvas;
 }
 
 }  // namespace hp2

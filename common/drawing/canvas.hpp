@@ -53,4 +53,7 @@ class Canvas {
 /// An empty canvas of a background colour. Sides from 1 to 20,000 px.
 std::unique_ptr<Canvas> make_canvas(ImageFormat format, int width, int height, const Color& background);
 
+/// A PNG canvas whose background is a picture, `rgb` holding width * height * 3 bytes row by row.
+std::unique_ptr<Canvas> make_canvas_over(const std::vector<unsigned char>& rgb, int width, int height);
+
 }  // namespace hp2

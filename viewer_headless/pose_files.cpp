@@ -1,0 +1,101 @@
+#include "viewer_headless/pose_files.hpp"
+
+#include <cstdio>
+
+#include "common/evaluation/score_table.hpp"
+#include "common/evaluation/trajectory.hpp"
+
+namespace hp2 {
+
+namespace {
+
+Trajectory final_poses(const SessionDigest& digest) {
+  std::vector<Pose> poses;
+  for (const auto& scan : digest.scans) poses.push_back(scan.map_from_sensor);
+  Trajectory out = make_trajectory(poses);
+  for (const auto& scan : digest.scans) out.times_s.push_back(1e-6 * static_cast<double>(scan.utime));
+  return out;
+}
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.12g", value);
+  return text;
+}
+
+std::string quaternion_pose(const Pose& pose, char separator) {
+  std::string out;
+  for (int k = 0; k < 3; ++k) out += number(pose.translation[k]) + separator;
+  for (int k = 0; k < 4; ++k)
+    out += number(pose.rotation.coeffs()[k]) + (k < 3 ? std::string(1, separator) : "");
+  return out;
+}
+
+// g2o's increment is (t, vector part of the quaternion); that part is half the rotation vector.
+std::string edge(std::size_t from, std::size_t to, const Pose& pose, Matrix6d information) {
+  information.rightCols<3>() *= 2.0;
+  information.bottomRows<3>() *= 2.0;
+  std::string out =
+      "EDGE_SE3:QUAT " + std::to_string(from) + " " + std::to_string(to) + " " + quaternion_pose(pose, ' ');
+  for (int r = 0; r < 6; ++r) {
+    for (int c = r; c < 6; ++c) out += " " + number(information(r, c));
+  }
+  return out + "\n";
+}
+
+}  // namespace
+
+std::string poses_kitti(const SessionDigest& digest) {
+  return format_trajectory(final_poses(digest), TrajectoryFormat::kKitti);
+}
+
+std::string poses_tum(const SessionDigest& digest) {
+  return format_trajectory(final_poses(digest), TrajectoryFormat::kTum);
+}
+
+std::string poses_odometry_kitti(const SessionDigest& digest) {
+  std::vector<Pose> poses;
+  for (const auto& scan : digest.scans) poses.push_back(scan.odom_from_sensor);
+  return format_trajectory(make_trajectory(poses), TrajectoryFormat::kKitti);
+}
+
+std::string graph_g2o(const SessionDigest& digest, const std::vector<ClosureRecord>& closures) {
+  std::string out;
+  const std::size_t n = digest.map_from_submap.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    out +=
+        "VERTEX_SE3:QUAT " + std::to_string(i) + " " + quaternion_pose(digest.map_from_submap[i], ' ') + "\n";
+  }
+  if (n > 0) out += "FIX 0\n";
+  for (std::size_t i = 0; i < digest.odometry.size(); ++i) {
+    out += edge(i, i + 1, digest.odometry[i].from_from_to, digest.odometry[i].information);
+  }
+  for (const ClosureRecord& c : closures) {
+    const auto from = static_cast<std::size_t>(c.from_submap), to = static_cast<std::size_t>(c.to_submap);
+    if (!c.accepted || c.from_submap < 0 || c.to_submap < 0 || from >= n || to >= n) continue;
+    // Exp(d) Z = Z Exp(Ad(Z^-1) d): the information of right increments is Ad(Z)^T I Ad(Z).
+    const Matrix6d carry = adjoint(c.from_from_to);
+    out += edge(from, to, c.from_from_to, carry.transpose() * c.information * carry);
+  }
+  return out;
+}
+
+std::string closures_csv(const std::vector<ClosureRecord>& closures) {
+  Table table{{"from_submap", "to_submap", "inliers", "overlap", "residual_m", "accepted", "reason", "tx",
+               "ty", "tz", "qx", "qy", "qz", "qw"}};
+  for (const ClosureRecord& c : closures) {
+    std::vector<std::string> row{std::to_string(c.from_submap),
+                                 std::to_string(c.to_submap),
+                                 std::to_string(c.inliers),
+                                 c.overlap < 0 ? "" : number(c.overlap),
+                                 c.residual_m < 0 ? "" : number(c.residual_m),
+                                 c.accepted ? "true" : "false",
+                                 c.reason};
+    for (int k = 0; k < 3; ++k) row.push_back(number(c.from_from_to.translation[k]));
+    for (int k = 0; k < 4; ++k) row.push_back(number(c.from_from_to.rotation.coeffs()[k]));
+    table.push_back(row);
+  }
+  return format_csv(table);
+}
+
+}  // namespace hp2
