@@ -96,7 +96,8 @@ struct Raster {
 Raster rasterize(MapWriter& map, const View& view, double voxel_m) {
   Raster out{cv::Mat::zeros(view.height, view.width, CV_32F),
              cv::Mat::zeros(view.height, view.width, CV_32F)};
-  const double radius = std::max(0.5, 0.62 * voxel_m * view.metre_px);
+  // As large as its voxel, but where one is many pixels wide, discs would hide what they show.
+  const double radius = std::clamp(0.62 * voxel_m * view.metre_px, 0.5, 3.5);
   const int reach = static_cast<int>(std::ceil(radius));
   map.for_each([&](const Eigen::Vector3f& p) {
     const Eigen::Vector2d at = view(p.x(), p.y());

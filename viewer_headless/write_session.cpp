@@ -10,6 +10,7 @@
 #include "viewer_headless/map_writer.hpp"
 #include "viewer_headless/pictures.hpp"
 #include "viewer_headless/pose_files.hpp"
+#include "viewer_headless/report/report.hpp"
 #include "viewer_headless/session_digest.hpp"
 #include "viewer_headless/summary.hpp"
 
@@ -62,15 +63,23 @@ std::vector<std::string> write_session(const SessionView& view, const std::strin
   put("poses_odometry_kitti.txt", poses_odometry_kitti(digest));
   put("graph.g2o", graph_g2o(digest, view.graph.closures));
   put("closures.csv", closures_csv(view.graph.closures));
+  std::string map_picture;
   if (map) {
-    put("map_topdown.png", draw_map(*map, digest, config.map_voxel_m, config.picture_size_px));
+    map_picture = draw_map(*map, digest, config.map_voxel_m, config.picture_size_px);
+    put("map_topdown.png", map_picture);
     map->commit();
     names.insert(names.end(), {"map.ply", "map.pcd"});
   }
   if (options.report) {
-    put("trajectory.png", draw_trajectory(digest, view.graph.closures, truth, std::min(config.picture_size_px, kChartSize)));
+    put("trajectory.png",
+        draw_trajectory(digest, view.graph.closures, truth, std::min(config.picture_size_px, kChartSize)));
   }
-  put("summary.json", dump(make_summary(view, digest, truth, map ? map->size() : -1)) + "\n");
+  const auto summary = make_summary(view, digest, truth, map ? map->size() : -1);
+  put("summary.json", dump(summary) + "\n");
+  if (options.report) {
+    put("report.html",
+        report_html(report_data(view, digest, truth, summary, config.report_points), map_picture));
+  }
   return names;
 }
 
