@@ -1,5 +1,5 @@
-// A session made from exact ground truth: an odometry that drifts by a known rate, final poses that are exact but for a known
-// offset, submaps, closures and diagnostics. What a real run would leave, with known answers.
+// A session made from exact ground truth: an odometry that drifts by a known rate, final poses that are exact
+// but for a known offset, submaps, closures and diagnostics. What a real run would leave, with known answers.
 #pragma once
 #include <cmath>
 #include <functional>
@@ -58,7 +58,8 @@ inline MadeUpSession make_session(const std::vector<Pose>& truth, const ScanPoin
     const Range& r = (*ranges)[k];
     view.graph.map_from_submap.push_back(r.map_from_submap);
     for (std::size_t i = r.first; i < r.last; ++i) {
-      view.graph.trajectory.push_back({static_cast<std::int64_t>(i), 1700000000000000 + 100000 * std::int64_t(i + 1),
+      view.graph.trajectory.push_back({static_cast<std::int64_t>(i),
+                                       1700000000000000 + 100000 * std::int64_t(i + 1),
                                        static_cast<std::int64_t>(k), odom[i], truth[i]});
       view.ground_truth.push_back(world_from_map * truth[i]);
     }
@@ -112,11 +113,19 @@ inline MadeUpSession make_session(const std::vector<Pose>& truth, const ScanPoin
   };
   view.scans_in = static_cast<std::int64_t>(truth.size());
   view.elapsed_s = 0.0125 * static_cast<double>(truth.size());
-  view.meta = {{"data", "made-up"}, {"sensor", "os1-64"}, {"format", "generic"}, {"version", "0.1.0"},
+  view.meta = {{"data", "made-up"},
+               {"sensor", "os1-64"},
+               {"format", "generic"},
+               {"version", "0.1.0"},
                {"configuration", "frontend:\n  mode: hybrid\n  voxel_size_m: 0.6\n"}};
   for (const char* name : {"hp2_player", "hp2_frontend", "hp2_backend"}) {
-    view.processes[name] = {{"version", "0.1.0"}, {"host", "bench"}, {"pid", 4711}, {"peak_memory_mb", 123.4},
-                            {"state", "finished"}, {"text", "done"}, {"counters", {{"chunks_sent", 1200}, {"chunks_resent", 3}}}};
+    view.processes[name] = {{"version", "0.1.0"},
+                            {"host", "bench"},
+                            {"pid", 4711},
+                            {"peak_memory_mb", 123.4},
+                            {"state", "finished"},
+                            {"text", "done"},
+                            {"counters", {{"chunks_sent", 1200}, {"chunks_resent", 3}}}};
   }
   return out;
 }
