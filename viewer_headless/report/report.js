@@ -127,7 +127,7 @@
         showStates: options.showStates, interaction: {mode: options.mode || 'nearest', axis: options.mode ? 'x' : 'xy', intersect: false},
         scales: {x: axis(options.x, options.xAxis), y: axis(options.y, options.yAxis)},
         plugins: {
-          legend: {labels: {usePointStyle: true, color: '#1f2933', sort: (a, b) => a.datasetIndex - b.datasetIndex}},
+          legend: {labels: {usePointStyle: true, boxHeight: 6, color: '#1f2933', sort: (a, b) => a.datasetIndex - b.datasetIndex}},
           tooltip: {callbacks: {label: i => `${i.dataset.label}: ${options.mode ? '' : number(i.parsed.x, 2) + ', '}${number(i.raw.own === undefined ? i.parsed.y : i.raw.own, 4)}`,
             title: items => options.mode && items.length ? `${options.x}: ${number(items[0].parsed.x, 2)}` : ''}}
         }
