@@ -5,10 +5,9 @@
 
 namespace hp2 {
 
-AdaptiveScale::AdaptiveScale(double initial_m, double minimum_m, int window, double max_range_m)
+AdaptiveScale::AdaptiveScale(double initial_m, double minimum_m, int window)
     : initial_(initial_m),
       minimum_(minimum_m),
-      max_range_(max_range_m),
       window_(static_cast<std::size_t>(std::max(1, window))) {}
 
 double AdaptiveScale::sigma_m() const {
@@ -18,9 +17,9 @@ double AdaptiveScale::sigma_m() const {
   return std::max(minimum_, std::sqrt(sum / static_cast<double>(errors_.size())));
 }
 
-double AdaptiveScale::error_m(const Pose& predicted_from_registered) const {
+double AdaptiveScale::error_m(const Pose& predicted_from_registered, double max_range_m) {
   const double theta = rotation_angle(predicted_from_registered.rotation);
-  return predicted_from_registered.translation.norm() + 2.0 * max_range_ * std::sin(0.5 * theta);
+  return predicted_from_registered.translation.norm() + 2.0 * max_range_m * std::sin(0.5 * theta);
 }
 
 void AdaptiveScale::add(double error_m) {

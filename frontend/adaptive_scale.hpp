@@ -13,13 +13,12 @@ class AdaptiveScale {
   /// @param initial_m  sigma until the sensor has moved [m]
   /// @param minimum_m  sigma never falls below this [m]
   /// @param window     number of errors that count, N
-  /// @param max_range_m r_max, turns a rotation error into a displacement
-  AdaptiveScale(double initial_m, double minimum_m, int window, double max_range_m);
+  AdaptiveScale(double initial_m, double minimum_m, int window);
 
   double sigma_m() const;
-  /// err = |dt| + 2 r_max sin(theta / 2) of the difference between the registered pose and the predicted one
-  /// [m].
-  double error_m(const Pose& predicted_from_registered) const;
+  /// err = |dt| + 2 r_max sin(theta / 2) of the difference between the registered pose and the predicted one [m].
+  /// @param max_range_m r_max, the farthest observed point: turns a rotation error into a displacement there
+  static double error_m(const Pose& predicted_from_registered, double max_range_m);
   /// Adds an error [m].
   void add(double error_m);
 
@@ -27,7 +26,7 @@ class AdaptiveScale {
   void load(ByteReader& in);
 
  private:
-  double initial_, minimum_, max_range_;
+  double initial_, minimum_;
   std::size_t window_;
   std::deque<double> errors_;
 };

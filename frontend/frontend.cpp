@@ -73,7 +73,7 @@ class Frontend::Impl {
             {config.min_range_m, config.max_range_m, config.map_point_voxel_m, config.source_voxel_m}),
         map_(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m),
         icp_(icp_config(config)),
-        scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window, config.max_range_m),
+        scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window),
         builder_(config.submap_length_m, config.submap_voxel_m) {
     validate(config);
   }
@@ -99,6 +99,7 @@ class Frontend::Impl {
   SubmapBuilder builder_;
   std::int64_t last_sequence_ = -1;
   bool moved_ = false;
+  Eigen::Vector3d evicted_at_ = Eigen::Vector3d::Zero();  // where the map was last cut to its radius
   unsigned warned_ = 0;
   std::vector<std::string> warnings_;
 
@@ -173,7 +174,9 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     warn_once(4, "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
   }
   const Pose predicted = motion_.predict(o.utime);
-  deskew(motion_.sweep_twist(scan.duration_us));
+  const Vector6d predicted_twist = motion_.sweep_twist(scan.duration_us);
+  Vector6d sweep_twist = predicted_twist;
+  deskew(sweep_twist);
   o.diagnostics.ms[0] = clock.lap_ms();
 
   Pose pose = predicted;
@@ -182,7 +185,20 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   if (source_.empty()) {
     o.state = TrackingState::kLost;
   } else if (!map_.empty()) {
-    const IcpResult icp = icp_.align(map_, source_, predicted, sigma, parallel_);
+    IcpResult icp = icp_.align(map_, source_, predicted, sigma, parallel_);
+    // The registration tells how the sensor really moved in the sweep: where that differs from the prediction, the
+    // points are moved accordingly and registered once more.
+    for (int pass = 0; pass < config_.redeskew_passes && !cloud_.time.empty(); ++pass) {
+      const Vector6d better = motion_.sweep_twist(scan.duration_us, icp.map_from_source, o.utime);
+      const Vector6d change = config_.redeskew_gain * (better - predicted_twist) + predicted_twist - sweep_twist;
+      if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m) break;
+      sweep_twist += change;
+      deskew(sweep_twist);
+      const IcpResult again = icp_.align(map_, source_, icp.map_from_source, sigma, parallel_);
+      const int before = icp.iterations;
+      icp = again;
+      icp.iterations += before;
+    }
     pose = icp.map_from_source;
     o.n_planar = icp.n_planar;
     o.n_non_planar = icp.n_non_planar;
@@ -198,14 +214,19 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     o.diagnostics.ms[2] = static_cast<float>(icp.ms_planarity);
     o.diagnostics.ms[3] = static_cast<float>(icp.ms_solve);
     const Pose deviation = predicted.inverse() * pose;
-    const double error = scale_.error_m(deviation);
+    const double error = AdaptiveScale::error_m(deviation, cloud_.max_range_m);
     moved_ = moved_ || error > config_.min_sigma_m;
     if (moved_) scale_.add(error);
   }
   clock.lap_ms();
   motion_.add(pose, o.utime);
   map_.insert(points_, pose);
-  map_.remove_far(pose.translation, config_.max_range_m);
+  // Eviction visits every block, so it waits until the sensor has moved by a few of them.
+  constexpr double kEvictionStep = 5.0;
+  if ((pose.translation - evicted_at_).norm() > kEvictionStep) {
+    evicted_at_ = pose.translation;
+    map_.remove_far(evicted_at_, config_.max_range_m + kEvictionStep);
+  }
 
   o.odom_from_sensor = pose;
   o.submap_id = builder_.id();
@@ -233,6 +254,7 @@ std::vector<std::uint8_t> Frontend::Impl::save_state() const {
   out.put(last_sequence_);
   out.put(static_cast<std::uint8_t>(moved_));
   out.put(warned_);
+  out.put(evicted_at_);
   motion_.save(out);
   scale_.save(out);
   builder_.save(out);
@@ -250,6 +272,7 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
   last_sequence_ = in.take<std::int64_t>();
   moved_ = in.take<std::uint8_t>() != 0;
   warned_ = in.take<unsigned>();
+  evicted_at_ = in.take<Eigen::Vector3d>();
   motion_.load(in);
   scale_.load(in);
   builder_.load(in);

@@ -13,6 +13,9 @@ struct FrontendConfig {
   double min_range_m = 1.0;
   double max_range_m = 100.0;
   bool deskew = true;
+  int redeskew_passes = 2;
+  double redeskew_threshold_m = 0.05;
+  double redeskew_gain = 0.7;
   double voxel_size_m = 0.6;
   int max_points_per_voxel = 3;
   double min_spacing_m = 0.35;

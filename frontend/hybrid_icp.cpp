@@ -208,6 +208,7 @@ IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& so
   for (const auto& p : source) lever2 += static_cast<double>(p.squaredNorm());
   const double lever = std::sqrt(std::max(1e-6, lever2 / static_cast<double>(source.size())));
 
+  result.mean_range_m = lever;
   const double max_distance = 3.0 * sigma_m;
   Stopwatch watch;
   NormalEquations sums;

@@ -46,6 +46,7 @@ struct IcpResult {
   int iterations = 0;
   bool converged = false;
   double rms_m = 0.0;
+  double mean_range_m = 0.0;  ///< RMS distance of the source points from their origin.
   double inlier_ratio = 0.0;  ///< Correspondences within 3 sigma over source points.
   double min_eigenvalue_ratio = 0.0;
   int unobserved_directions = 0;

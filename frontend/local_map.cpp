@@ -8,14 +8,6 @@ namespace {
 
 constexpr int kBits = 2;  // a block has 2^kBits voxels along each axis
 constexpr int kMask = (1 << kBits) - 1;
-constexpr int kCoordinateBits = 21;  // of a block coordinate in a hash key
-
-std::uint64_t block_key(const Voxel3i& b) {
-  constexpr std::uint64_t mask = (std::uint64_t{1} << kCoordinateBits) - 1;
-  return ((static_cast<std::uint64_t>(b.x()) & mask) << (2 * kCoordinateBits)) |
-         ((static_cast<std::uint64_t>(b.y()) & mask) << kCoordinateBits) |
-         (static_cast<std::uint64_t>(b.z()) & mask);
-}
 
 Voxel3i block_of(const Voxel3i& v) { return {v.x() >> kBits, v.y() >> kBits, v.z() >> kBits}; }
 
@@ -83,7 +75,7 @@ VoxelPoint LocalMap::locate(const Eigen::Vector3d& p) const {
 }
 
 std::int32_t LocalMap::find_block(const Voxel3i& block) const {
-  const auto it = block_index_.find(block_key(block));
+  const auto it = block_index_.find(voxel_key(block));
   return it == block_index_.end() ? -1 : it->second;
 }
 
@@ -107,7 +99,7 @@ std::int32_t LocalMap::find_or_add_block(const Voxel3i& block) {
     fresh.neighbours[static_cast<std::size_t>(k)] = other;
     if (other >= 0) blocks_[static_cast<std::size_t>(other)].neighbours[static_cast<std::size_t>(26 - k)] = b;
   }
-  block_index_.insert({block_key(block), b});
+  block_index_.insert({voxel_key(block), b});
   return b;
 }
 
@@ -126,7 +118,7 @@ void LocalMap::remove_block(std::int32_t index) {
     const std::int32_t other = block.neighbours[k];
     if (other >= 0 && k != 13) blocks_[static_cast<std::size_t>(other)].neighbours[26 - k] = -1;
   }
-  block_index_.erase(block_key(block.coordinates));
+  block_index_.erase(voxel_key(block.coordinates));
   block.used = false;
   free_blocks_.push_back(index);
 }

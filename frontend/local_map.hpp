@@ -14,6 +14,7 @@
 #include "common/byte_io.hpp"
 #include "common/geometry/pose.hpp"
 #include "frontend/planarity.hpp"
+#include "frontend/voxel_key.hpp"
 
 namespace hp2 {
 
@@ -108,14 +109,6 @@ class LocalMap {
     std::array<std::int32_t, 64> cells;       // voxel indices, -1: empty
     bool used = false;
   };
-  struct KeyHash {
-    std::size_t operator()(std::uint64_t k) const {
-      k ^= k >> 31;
-      k *= 0x9E3779B97F4A7C15ULL;
-      return static_cast<std::size_t>(k ^ (k >> 29));
-    }
-  };
-
   std::int32_t find_block(const Voxel3i& block) const;
   std::int32_t find_or_add_block(const Voxel3i& block);
   void remove_block(std::int32_t b);
@@ -140,7 +133,7 @@ class LocalMap {
   double min_spacing_;
   float min_spacing2_;
   std::size_t point_count_ = 0;
-  tsl::robin_map<std::uint64_t, std::int32_t, KeyHash> block_index_;
+  tsl::robin_map<std::uint64_t, std::int32_t, VoxelKeyHash> block_index_;
   std::vector<Block> blocks_;
   std::vector<std::int32_t> free_blocks_;
   std::vector<Voxel> voxels_;

@@ -19,6 +19,12 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us) const {
   return (static_cast<double>(duration_us) / static_cast<double>(interval_)) * motion_;
 }
 
+Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, std::int64_t utime) const {
+  if (!has_pose_) return Vector6d::Zero();
+  return (static_cast<double>(duration_us) / static_cast<double>(interval_us(utime))) *
+         se3_log(last_.inverse() * pose);
+}
+
 void MotionModel::add(const Pose& pose, std::int64_t utime) {
   if (has_pose_) {
     interval_ = interval_us(utime);

@@ -15,6 +15,8 @@ class MotionModel {
   Pose predict(std::int64_t utime) const;
   /// Motion during a sweep of `duration_us`, as a twist; zero before there is a velocity.
   Vector6d sweep_twist(std::int64_t duration_us) const;
+  /// The same, were the sensor at `pose` at `utime`.
+  Vector6d sweep_twist(std::int64_t duration_us, const Pose& pose, std::int64_t utime) const;
   /// True if `utime` does not lie after the last pose's.
   bool time_is_broken(std::int64_t utime) const { return has_pose_ && utime <= last_utime_; }
   /// The registered pose at `utime` [us].

@@ -102,6 +102,7 @@ void Preprocessor::run(const Scan& scan, bool use_time, const Parallel& parallel
   out.time.clear();
   out.source.clear();
   out.dropped = 0;
+  float farthest2 = 0.0F;
   std::size_t kept = 0;
   for (const auto& part : parts_) kept += part.keep.size();
   map_set_.clear(kept);
@@ -116,9 +117,11 @@ void Preprocessor::run(const Scan& scan, bool use_time, const Parallel& parallel
         out.source.push_back(static_cast<std::uint32_t>(out.points.size()));
       }
       out.points.emplace_back(x, y, z);
+      farthest2 = std::max(farthest2, out.points.back().squaredNorm());
       if (use_time) out.time.push_back(scan.time[i]);
     }
   }
+  out.max_range_m = std::sqrt(static_cast<double>(farthest2));
 }
 
 }  // namespace hp2

@@ -23,6 +23,7 @@ struct PreprocessedScan {
   std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m]: one a map voxel.
   std::vector<float> time;              ///< Time in sweep, one a point; empty: absent.
   std::vector<std::uint32_t> source;    ///< Indices into `points`: one a source voxel.
+  double max_range_m = 0.0;             ///< Distance of the farthest of them.
   int dropped = 0;                      ///< Points of the sweep that were not finite or out of range.
 };
 

@@ -6,18 +6,6 @@
 #include "frontend/local_map.hpp"
 
 namespace hp2 {
-namespace {
-
-std::uint64_t voxel_key(const Eigen::Vector3f& p, float inverse_voxel) {
-  constexpr std::uint64_t mask = (std::uint64_t{1} << 21) - 1;
-  const auto key = [&](float v) {
-    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(v * inverse_voxel))) & mask;
-  };
-  return (key(p.x()) << 42) | (key(p.y()) << 21) | key(p.z());
-}
-
-}  // namespace
-
 SubmapBuilder::SubmapBuilder(double length_m, double voxel_m)
     : length_(length_m), inverse_voxel_(1.0 / voxel_m) {}
 
@@ -38,7 +26,8 @@ std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& poi
   const auto index = static_cast<std::int32_t>(submap_.scans.size());
   for (const auto& point : points) {
     const Eigen::Vector3f p = r * point + t;
-    if (!voxels_.insert(voxel_key(p, inverse_voxel)).second) continue;
+    const Eigen::Vector3i voxel = (p * inverse_voxel).array().floor().cast<int>();
+    if (!voxels_.insert(voxel_key(voxel)).second) continue;
     submap_.points.push_back(p);
     submap_.scan_indices.push_back(index);
   }

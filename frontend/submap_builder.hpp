@@ -10,6 +10,7 @@
 
 #include "common/byte_io.hpp"
 #include "common/submap.hpp"
+#include "frontend/voxel_key.hpp"
 
 namespace hp2 {
 
@@ -44,7 +45,7 @@ class SubmapBuilder {
   double length_, inverse_voxel_;
   Submap submap_;
   Pose last_odom_from_sensor_;
-  tsl::robin_set<std::uint64_t> voxels_;
+  tsl::robin_set<std::uint64_t, VoxelKeyHash> voxels_;
 };
 
 /// Fills `submap.normals`: the unit normal of the points in the 27 voxels of 1 m around each point where they
