@@ -6,9 +6,7 @@
 namespace hp2 {
 
 AdaptiveScale::AdaptiveScale(double initial_m, double minimum_m, int window)
-    : initial_(initial_m),
-      minimum_(minimum_m),
-      window_(static_cast<std::size_t>(std::max(1, window))) {}
+    : initial_(initial_m), minimum_(minimum_m), window_(static_cast<std::size_t>(std::max(1, window))) {}
 
 double AdaptiveScale::sigma_m() const {
   if (errors_.empty()) return initial_;

@@ -16,7 +16,8 @@ class AdaptiveScale {
   AdaptiveScale(double initial_m, double minimum_m, int window);
 
   double sigma_m() const;
-  /// err = |dt| + 2 r_max sin(theta / 2) of the difference between the registered pose and the predicted one [m].
+  /// err = |dt| + 2 r_max sin(theta / 2) of the difference between the registered pose and the predicted one
+  /// [m].
   /// @param max_range_m r_max, the farthest observed point: turns a rotation error into a displacement there
   static double error_m(const Pose& predicted_from_registered, double max_range_m);
   /// Adds an error [m].

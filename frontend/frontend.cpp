@@ -186,12 +186,14 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     o.state = TrackingState::kLost;
   } else if (!map_.empty()) {
     IcpResult icp = icp_.align(map_, source_, predicted, sigma, parallel_);
-    // The registration tells how the sensor really moved in the sweep: where that differs from the prediction, the
-    // points are moved accordingly and registered once more.
+    // The registration tells how the sensor really moved in the sweep: where that differs from the
+    // prediction, the points are moved accordingly and registered once more.
     for (int pass = 0; pass < config_.redeskew_passes && !cloud_.time.empty(); ++pass) {
       const Vector6d better = motion_.sweep_twist(scan.duration_us, icp.map_from_source, o.utime);
-      const Vector6d change = config_.redeskew_gain * (better - predicted_twist) + predicted_twist - sweep_twist;
-      if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m) break;
+      const Vector6d change =
+          config_.redeskew_gain * (better - predicted_twist) + predicted_twist - sweep_twist;
+      if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m)
+        break;
       sweep_twist += change;
       deskew(sweep_twist);
       const IcpResult again = icp_.align(map_, source_, icp.map_from_source, sigma, parallel_);

@@ -18,11 +18,14 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("max_range_m", c.max_range_m,
         "Points farther away are left out; also the local map's radius and r_max [m]", 1.0, 1000.0);
   s.add("deskew", c.deskew, "Undo the sensor's motion in the sweep where the points have times");
-  s.add("redeskew_passes", c.redeskew_passes, "Registrations after the first, with the points deskewed by its result", 0,
-        10);
+  s.add("redeskew_passes", c.redeskew_passes,
+        "Registrations after the first, with the points deskewed by its result", 0, 10);
   s.add("redeskew_threshold_m", c.redeskew_threshold_m,
-        "They are done where the motion in the sweep differs from the predicted by more than this [m]", 0.0, 100.0);
-  s.add("redeskew_gain", c.redeskew_gain, "Share of the difference that they correct; 1 feeds back the whole error of the pose before", 0.0, 1.0);
+        "They are done where the motion in the sweep differs from the predicted by more than this [m]", 0.0,
+        100.0);
+  s.add("redeskew_gain", c.redeskew_gain,
+        "Share of the difference that they correct; 1 feeds back the whole error of the pose before", 0.0,
+        1.0);
   s.add("voxel_size_m", c.voxel_size_m, "Edge of a local map voxel [m]", 0.05, 10.0);
   s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
   s.add("min_spacing_m", c.min_spacing_m, "Points of a voxel are at least this far apart [m]", 0.0, 10.0);

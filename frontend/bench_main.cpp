@@ -1,0 +1,138 @@
+// hp2_bench: the front-end alone, in one process, without LCM. What is compared with other systems.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+#include <spdlog/spdlog.h>
+
+#include "common/config.hpp"
+#include "common/error.hpp"
+#include "common/evaluation/trajectory.hpp"
+#include "common/program.hpp"
+#include "frontend/frontend.hpp"
+#include "player/scan_source.hpp"
+
+namespace hp2 {
+namespace {
+
+struct Options {
+  std::string data, dataset, mode, config, poses, json;
+  int threads = 2;
+  std::size_t first = 0, count = 0, stride = 1;
+};
+
+struct Statistics {
+  double mean = 0.0, median = 0.0, p99 = 0.0;
+};
+
+Statistics statistics(std::vector<double> values) {
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  double sum = 0.0;
+  for (const double v : values) sum += v;
+  const auto last = static_cast<double>(values.size() - 1);
+  return {sum / static_cast<double>(values.size()), values[static_cast<std::size_t>(std::lround(0.5 * last))],
+          values[static_cast<std::size_t>(std::lround(0.99 * last))]};
+}
+
+int run(const Options& options) {
+  FrontendConfig settings;
+  Config config;
+  config.add(frontend_section(settings));
+  config.ignore({"player", "backend", "viewer"});
+  if (!options.config.empty()) config.load(options.config);
+  if (!options.mode.empty()) settings.mode = options.mode;
+
+  SourceOptions source_options;
+  source_options.dataset = options.dataset;
+  source_options.first = options.first;
+  source_options.count = options.count;
+  source_options.stride = options.stride;
+  const auto source = open_source(options.data, source_options);
+  for (const auto& w : source->warnings()) spdlog::warn("{}", w);
+
+  // Total first: the order of the table.
+  const std::vector<std::pair<std::string, std::size_t>> stages{
+      {"total", 5},     {"preprocess", 0}, {"neighbour_search", 1},
+      {"planarity", 2}, {"solve", 3},      {"map_update", 4}};
+  Frontend frontend(settings, options.threads);
+  std::vector<std::vector<double>> ms(6);
+  std::vector<Pose> poses;
+  double points = 0.0, iterations = 0.0;
+  int degenerate = 0, lost = 0;
+  for (std::size_t i = 0; i < source->size(); ++i) {
+    const FrontendOutput out = frontend.process(source->read(i));
+    for (std::size_t s = 0; s < ms.size(); ++s) ms[s].push_back(out.odometry.diagnostics.ms[s]);
+    poses.push_back(out.odometry.odom_from_sensor);
+    points += out.odometry.n_points;
+    iterations += out.odometry.diagnostics.iterations;
+    degenerate += out.odometry.state == TrackingState::kDegenerate ? 1 : 0;
+    lost += out.odometry.state == TrackingState::kLost ? 1 : 0;
+    for (const auto& w : frontend.take_warnings()) spdlog::warn("{}", w);
+  }
+
+  const auto scans = static_cast<double>(poses.size());
+  std::printf("%s: %zu scans of %.0f points, mode %s, %d thread%s\n", source->info().name.c_str(),
+              poses.size(), points / scans, settings.mode.c_str(), options.threads,
+              options.threads == 1 ? "" : "s");
+  std::printf("%-17s %9s %9s %9s   (ms a scan, reading excluded)\n", "", "mean", "median", "p99");
+  nlohmann::ordered_json report{{"scans", poses.size()}, {"threads", options.threads}};
+  for (const auto& [name, index] : stages) {
+    const Statistics s = statistics(ms[index]);
+    std::printf("%-17s %9.3f %9.3f %9.3f\n", name.c_str(), s.mean, s.median, s.p99);
+    report[name] = {{"mean", s.mean}, {"median", s.median}, {"p99", s.p99}};
+  }
+  std::printf("iterations %.1f a scan; degenerate %d, lost %d; peak memory %.0f MB\n", iterations / scans,
+              degenerate, lost, peak_memory_mb());
+  report["mode"] = settings.mode;
+  report["data"] = source->info().name;
+  report["points_per_scan"] = points / scans;
+  report["iterations_per_scan"] = iterations / scans;
+  report["degenerate"] = degenerate;
+  report["lost"] = lost;
+  report["peak_memory_mb"] = peak_memory_mb();
+  if (!options.poses.empty())
+    write_trajectory(options.poses, make_trajectory(poses), TrajectoryFormat::kKitti);
+  if (!options.json.empty()) {
+    std::ofstream out(options.json);
+    out << report.dump(2) << "\n";
+    out.close();
+    if (!out)
+      throw Error("the figures cannot be written", options.json,
+                  "Check the folder's rights and the disk's space.");
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace hp2
+
+int main(int argc, char** argv) {
+  hp2::Options options;
+  CLI::App app{
+      "Runs the front-end alone over a drive and prints milliseconds a scan by stage.\n"
+      "Examples:\n"
+      "  hp2_bench synthetic:loop --threads 2\n"
+      "  hp2_bench /data/kitti/sequences/00 --mode point_to_point --out poses.txt --json bench.json"};
+  app.add_option("data", options.data, "Drive: a folder, or synthetic:SCENE[:SEED]")->required();
+  app.add_option("--threads", options.threads, "Threads of the registration")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--mode", options.mode, "Residuals (default: the configuration's)")
+      ->check(CLI::IsMember(hp2::frontend_modes()));
+  app.add_option("--first", options.first, "Skip so many scans");
+  app.add_option("--count", options.count, "Take at most so many scans (0: all)");
+  app.add_option("--stride", options.stride, "Take every N-th scan")->check(CLI::PositiveNumber);
+  app.add_option("--dataset", options.dataset, "Format (default: recognised from the folder)");
+  app.add_option("--config", options.config, "YAML file with a section \"frontend\"");
+  app.add_option("--out", options.poses, "Write the poses (KITTI format, sensor at sweep end)");
+  app.add_option("--json", options.json, "Write the figures as JSON");
+  app.set_version_flag("--version", hp2::version());
+  CLI11_PARSE(app, argc, argv);
+  return hp2::run_program("hp2_bench", [&] { return hp2::run(options); });
+}
