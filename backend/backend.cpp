@@ -4,6 +4,12 @@
 #include <chrono>
 #include <utility>
 
+#include <Eigen/Cholesky>
+
+#include "backend/loop_candidates.hpp"
+#include "backend/loop_closer.hpp"
+#include "backend/odometry_noise.hpp"
+#include "backend/pose_graph.hpp"
 #include "backend/scan_refinement.hpp"
 #include "common/error.hpp"
 
@@ -11,6 +17,8 @@ namespace hp2 {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+constexpr int kFinalChecks = 200;  // pairs that are checked at the end of a session
 
 double ms_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
@@ -37,14 +45,31 @@ void check_submap(const Submap& submap, std::int64_t expected_id) {
   if (!finite) throw Error("a pose is not finite", where, "Mend the front-end that made it.");
 }
 
+GraphEdge odometry_edge(const Submap& submap) {
+  GraphEdge edge;
+  edge.from = static_cast<std::size_t>(submap.id);
+  edge.to = edge.from + 1;
+  const auto steps = odometry_steps(submap.scans);
+  if (!submap.scans.empty()) edge.from_from_to = submap.scans.back().submap_from_sensor;
+  const Matrix6d covariance = accumulated_covariance(steps) + 1e-10 * Matrix6d::Identity();
+  edge.information = covariance.ldlt().solve(Matrix6d::Identity());
+  edge.information = (0.5 * (edge.information + edge.information.transpose())).eval();
+  return edge;
+}
+
 }  // namespace
 
 class Backend::Impl {
  public:
   Impl(const BackendConfig& config, SessionStore& store)
-      : config_(config), store_(store), graph_(store.read_graph()) {
-    for (std::int64_t id = 0; id < store.submap_count(); ++id)
+      : config_(config), store_(store), index_(config), closer_(config, store), graph_(store.read_graph()) {
+    for (std::int64_t id = 0; id < store.submap_count(); ++id) {
       submaps_.push_back(store.read_submap(id, false));
+      if (id > 0) odometry_.push_back(odometry_edge(submaps_[static_cast<std::size_t>(id - 1)]));
+      auto [place, features] = decode_place(store.read_place(id), "submap " + std::to_string(id));
+      index_.add_place(std::move(place));
+      index_.add_features(features);
+    }
   }
 
   BackendUpdate add_submap(const Submap& submap, const std::vector<std::uint8_t>& frontend_state, bool last) {
@@ -53,22 +78,41 @@ class Backend::Impl {
     if (submap.id >= 0 && submap.id < static_cast<std::int64_t>(submaps_.size())) return update;
     check_submap(submap, static_cast<std::int64_t>(submaps_.size()));
 
+    auto [place, features] =
+        make_place(submap, index_.places().empty() ? 0.0 : index_.places().back().path_end_m, config_);
+    const std::vector<std::uint8_t> place_bytes = encode_place(place, features);
     GraphState next = graph_;
     ++next.revision;
+    next.ended = false;
     next.map_from_submap.push_back(next.map_from_odom * submap.odom_from_submap);
-    // The submap before ended freely until now; its last scan is this one's keypose.
-    rebuild_trajectory(std::max<std::int64_t>(submap.id - 1, 0), next);
-    append_trajectory(submap, next.map_from_submap, next.trajectory);
-
     SessionChange change;
     change.submap = &submap;
     change.last = last;
     change.frontend_state = &frontend_state;
+    change.place = &place_bytes;
     change.graph = &next;
-    store_.commit(change);
 
-    graph_ = std::move(next);
+    // Whatever fails from here on, the back-end must be left as it was.
+    index_.add_place(std::move(place));
+    if (submap.id > 0) odometry_.push_back(odometry_edge(submaps_.back()));
+    try {
+      if (config_.loop_closing) {
+        update.graph_changed =
+            closer_.close(submap, features, index_, odometry_, next, change.changed_closures);
+      }
+      set_map_from_odom(submap.odom_from_submap, next);
+      // The submap before ended freely until now; its last scan is this one's keypose.
+      rebuild_trajectory(update.graph_changed ? 0 : std::max<std::int64_t>(submap.id - 1, 0), next);
+      append_trajectory(submap, next.map_from_submap, next.trajectory);
+      store_.commit(change);
+    } catch (...) {
+      index_.remove_newest_place();
+      if (submap.id > 0) odometry_.pop_back();
+      throw;
+    }
+    index_.add_features(features);
     submaps_.push_back(without_points(submap));
+    adopt(std::move(next), change.changed_closures, update);
     update.ms_total = ms_since(start);
     return update;
   }
@@ -82,8 +126,14 @@ class Backend::Impl {
     next.ended = true;
     SessionChange change;
     change.graph = &next;
+    if (config_.loop_closing && !submaps_.empty()) {
+      update.graph_changed =
+          closer_.close_all(index_, odometry_, kFinalChecks, next, change.changed_closures);
+      set_map_from_odom(submaps_.back().odom_from_submap, next);
+      rebuild_trajectory(0, next);
+    }
     store_.commit(change);
-    graph_ = std::move(next);
+    adopt(std::move(next), change.changed_closures, update);
     update.ms_total = ms_since(start);
     return update;
   }
@@ -91,6 +141,20 @@ class Backend::Impl {
   const GraphState& graph() const { return graph_; }
 
  private:
+  static void set_map_from_odom(const Pose& odom_from_newest, GraphState& graph) {
+    graph.map_from_odom = graph.map_from_submap.back() * odom_from_newest.inverse();
+  }
+
+  void adopt(GraphState next, const std::vector<std::size_t>& changed, BackendUpdate& update) {
+    for (std::size_t i = graph_.closures.size(); i < next.closures.size(); ++i) {
+      update.new_verdicts.push_back(next.closures[i]);
+    }
+    for (const std::size_t i : changed) {
+      if (i < graph_.closures.size()) update.new_verdicts.push_back(next.closures[i]);
+    }
+    graph_ = std::move(next);
+  }
+
   // Derives the trajectory of the stored submaps from `first` on from the keyposes anew.
   void rebuild_trajectory(std::int64_t first, GraphState& graph) const {
     auto& t = graph.trajectory;
@@ -102,8 +166,11 @@ class Backend::Impl {
 
   BackendConfig config_;
   SessionStore& store_;
+  PlaceIndex index_;
+  LoopCloser closer_;
   GraphState graph_;
-  std::vector<Submap> submaps_;  ///< Without points.
+  std::vector<Submap> submaps_;      // without points
+  std::vector<GraphEdge> odometry_;  // between consecutive keyposes
 };
 
 Backend::Backend(const BackendConfig& config, SessionStore& store)

@@ -30,14 +30,14 @@ CREATE TABLE frontend_state (id INTEGER PRIMARY KEY CHECK (id = 0), state BLOB N
 )";
 
 std::vector<std::uint8_t> encode_constraint(const ClosureRecord& c) {
-  ByteWriter out;
+  BlobWriter out;
   out.put_pose(c.from_from_to);
   for (int i = 0; i < 36; ++i) out.put(c.information(i / 6, i % 6));
   return out.finish();
 }
 
 void decode_constraint(const std::vector<std::uint8_t>& bytes, const std::string& where, ClosureRecord& c) {
-  ByteReader in(bytes, where);
+  BlobReader in(bytes, where);
   c.from_from_to = in.get_pose();
   for (int i = 0; i < 36; ++i) c.information(i / 6, i % 6) = in.get<double>();
 }

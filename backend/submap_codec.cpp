@@ -24,17 +24,17 @@ std::int8_t quantised(float v) {
 
 }  // namespace
 
-void ByteWriter::put_pose(const Pose& pose) {
+void BlobWriter::put_pose(const Pose& pose) {
   for (int i = 0; i < 4; ++i) put(pose.rotation.coeffs()[i]);
   for (int i = 0; i < 3; ++i) put(pose.translation[i]);
 }
 
-std::vector<std::uint8_t> ByteWriter::finish() {
+std::vector<std::uint8_t> BlobWriter::finish() {
   put(checksum(bytes_.data(), bytes_.size()));
   return std::move(bytes_);
 }
 
-ByteReader::ByteReader(const std::vector<std::uint8_t>& bytes, std::string where)
+BlobReader::BlobReader(const std::vector<std::uint8_t>& bytes, std::string where)
     : bytes_(bytes), where_(std::move(where)) {
   std::uint64_t stored = 0;
   if (bytes.size() >= sizeof(stored)) {
@@ -47,7 +47,7 @@ ByteReader::ByteReader(const std::vector<std::uint8_t>& bytes, std::string where
   }
 }
 
-void ByteReader::take(void* to, std::size_t n) {
+void BlobReader::take(void* to, std::size_t n) {
   if (n > left()) {
     throw Error("the session is damaged: a record is too short", where_,
                 "Choose another session folder; the other submaps of this one can still be read.");
@@ -56,7 +56,7 @@ void ByteReader::take(void* to, std::size_t n) {
   at_ += n;
 }
 
-Pose ByteReader::get_pose() {
+Pose BlobReader::get_pose() {
   // Not through the normalising constructor: what comes back is bit for bit what was stored.
   Pose pose;
   for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = get<double>();
@@ -65,7 +65,7 @@ Pose ByteReader::get_pose() {
 }
 
 std::vector<std::uint8_t> encode_points(const Submap& submap) {
-  ByteWriter out;
+  BlobWriter out;
   const std::size_t n = submap.points.size();
   out.put(static_cast<std::uint64_t>(n));
   for (std::size_t i = 0; i < n; ++i) {
@@ -78,7 +78,7 @@ std::vector<std::uint8_t> encode_points(const Submap& submap) {
 }
 
 void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& where, Submap& submap) {
-  ByteReader in(bytes, where);
+  BlobReader in(bytes, where);
   const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / 19));
   submap.points.resize(n);
   submap.normals.resize(n);
@@ -92,7 +92,7 @@ void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& wh
 }
 
 std::vector<std::uint8_t> encode_scans(const std::vector<ScanPose>& scans) {
-  ByteWriter out;
+  BlobWriter out;
   out.put(static_cast<std::uint64_t>(scans.size()));
   for (const ScanPose& s : scans) {
     out.put(s.sequence);
@@ -110,7 +110,7 @@ std::vector<std::uint8_t> encode_scans(const std::vector<ScanPose>& scans) {
 }
 
 std::vector<ScanPose> decode_scans(const std::vector<std::uint8_t>& bytes, const std::string& where) {
-  ByteReader in(bytes, where);
+  BlobReader in(bytes, where);
   constexpr std::size_t kScanBytes = 8 + 8 + 56 + 288 + 1 + 12 + 4 + 24;
   const auto n =
       static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / kScanBytes));
@@ -131,14 +131,14 @@ std::vector<ScanPose> decode_scans(const std::vector<std::uint8_t>& bytes, const
 }
 
 std::vector<std::uint8_t> encode_poses(const std::vector<Pose>& poses) {
-  ByteWriter out;
+  BlobWriter out;
   out.put(static_cast<std::uint64_t>(poses.size()));
   for (const Pose& p : poses) out.put_pose(p);
   return out.finish();
 }
 
 std::vector<Pose> decode_poses(const std::vector<std::uint8_t>& bytes, const std::string& where) {
-  ByteReader in(bytes, where);
+  BlobReader in(bytes, where);
   const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / 56));
   std::vector<Pose> poses(n);
   for (Pose& p : poses) p = in.get_pose();

@@ -9,7 +9,7 @@
 namespace hp2 {
 
 /// Appends values to a byte string.
-class ByteWriter {
+class BlobWriter {
  public:
   template <class T>
   void put(const T& value) {
@@ -24,11 +24,11 @@ class ByteWriter {
   std::vector<std::uint8_t> bytes_;
 };
 
-/// Reads back what ByteWriter wrote.
-class ByteReader {
+/// Reads back what BlobWriter wrote.
+class BlobReader {
  public:
   /// @param where what is read, for the message. @throws Error if the checksum does not fit
-  ByteReader(const std::vector<std::uint8_t>& bytes, std::string where);
+  BlobReader(const std::vector<std::uint8_t>& bytes, std::string where);
   template <class T>
   T get() {
     T value;

@@ -14,7 +14,8 @@ struct ClosureRecord {
   std::int64_t from_submap = 0;  ///< Older submap.
   std::int64_t to_submap = 0;    ///< Newer submap.
   Pose from_from_to;             ///< Frame of the newer submap into that of the older one.
-  Matrix6d information = Matrix6d::Zero();  ///< (rho [m], phi [rad]); zero unless accepted.
+  Matrix6d information = Matrix6d::Zero();  ///< (rho [m], phi [rad]), right increments in the newer submap's frame;
+                                            ///< zero unless it passed the 3D check.
   int inliers = 0;               ///< Of the 2D RANSAC; 0: proposed by the graph, not by image features.
   double overlap = -1.0;         ///< Of the submaps' voxels after the 3D registration, 0..1; -1: not reached.
   double residual_m = -1.0;      ///< RMS of the 3D registration; -1: not reached.

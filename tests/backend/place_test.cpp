@@ -79,7 +79,7 @@ TEST(DensityImage, OfAKnownScene) {
   for (int i = 0; i < 20; ++i)
     points.emplace_back(0.25F, 0.25F, 0.3F * static_cast<float>(i));  // a pole of 20 points
   for (int i = 0; i < 10; ++i) points.emplace_back(-1.25F, 2.25F, 0.3F * static_cast<float>(i));  // one of 10
-  points.emplace_back(5.25F, 0.25F, 0.0F);  // one point
+  points.emplace_back(5.25F, 0.25F, 0.0F);                                                        // one point
   points.emplace_back(NAN, 0.0F, 0.0F);
   points.emplace_back(1e9F, 0.0F, 0.0F);
   const DensityImage image = make_density_image(points, Pose(), 0.5, 0.06);

@@ -1,0 +1,190 @@
+// hp2_backend_drives: what the back-end makes of whole drives with ground truth. Registers each drive once
+// (the submaps are kept in a folder), adds drift if asked for, runs the back-end over the submaps and scores
+// every closure.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <random>
+
+#include <CLI/CLI.hpp>
+
+#include "backend/backend.hpp"
+#include "common/error.hpp"
+#include "common/evaluation/metrics.hpp"
+#include "frontend/frontend.hpp"
+#include "frontend/submap_builder.hpp"
+#include "player/scan_source.hpp"
+
+namespace hp2 {
+namespace {
+
+// Runs the front-end over the drive and stores its submaps without closing loops.
+void register_drive(const ScanSource& source, double submap_length_m, const std::string& mode,
+                    SessionStore& store) {
+  FrontendConfig config;
+  config.submap_length_m = submap_length_m;
+  config.mode = mode;
+  Frontend frontend(config, 1);
+  const auto keep = [&](Submap& m, bool last) {
+    estimate_normals(m);
+    const std::vector<std::uint8_t> no_state;
+    SessionChange change;
+    change.submap = &m;
+    change.frontend_state = &no_state;
+    change.last = last;
+    store.commit(change);
+  };
+  for (std::size_t i = 0; i < source.size(); ++i) {
+    auto out = frontend.process(source.read(i));
+    if (out.finished_submap) keep(*out.finished_submap, false);
+  }
+  if (auto rest = frontend.finish()) keep(*rest, true);
+}
+
+// The same submap as an odometry with a systematic error would have made it: its length is off by a share,
+// its heading turns. Points go with the scan that saw them.
+Submap with_drift(Submap m, double scale, double yaw_per_m, const Pose& odom_from_submap) {
+  Pose before, after;
+  std::vector<Pose> moved(m.scans.size());
+  for (std::size_t i = 0; i < m.scans.size(); ++i) {
+    const Pose step = before.inverse() * m.scans[i].submap_from_sensor;
+    const double length = step.translation.norm();
+    const Pose drift(so3_exp({0.0, 0.0, yaw_per_m * length}), scale * step.translation);
+    before = m.scans[i].submap_from_sensor;
+    after = after * step * drift;
+    moved[i] = after * m.scans[i].submap_from_sensor.inverse();
+    m.scans[i].submap_from_sensor = after;
+  }
+  for (std::size_t i = 0; i < m.points.size(); ++i) {
+    const Pose& move = moved[static_cast<std::size_t>(m.scan_indices[i])];
+    m.points[i] = (move * m.points[i].cast<double>()).cast<float>();
+    m.normals[i] = (move.rotation * m.normals[i].cast<double>()).cast<float>();
+  }
+  m.odom_from_submap = odom_from_submap;
+  return m;
+}
+
+double ate(const std::vector<StampedPose>& truth, const GraphState& graph, bool corrected) {
+  std::vector<Pose> reference, estimate;
+  for (const TrajectoryPose& p : graph.trajectory) {
+    reference.push_back(truth.at(static_cast<std::size_t>(p.sequence)).pose);
+    estimate.push_back(corrected ? p.map_from_sensor : p.odom_from_sensor);
+  }
+  return evaluate(make_trajectory(reference), make_trajectory(estimate), Alignment::kSe3).ate.rmse;
+}
+
+struct Options {
+  std::string cache = "submaps", mode = "hybrid";
+  double length_m = 25.0, scale = 0.0, yaw = 0.0;
+  bool verbose = false;
+  BackendConfig config;
+};
+
+int run(const std::string& drive, const Options& o) {
+  const auto source = open_source(drive);
+  const auto& truth = source->ground_truth();
+  char name[300];
+  std::snprintf(name, sizeof(name), "%s/%s_%s_%g", o.cache.c_str(),
+                std::filesystem::path(drive).filename().c_str(), o.mode.c_str(), o.length_m);
+  {
+    SessionStore store(name);
+    if (!store.last_submap_stored()) register_drive(*source, o.length_m, o.mode, store);
+  }
+  const SessionStore submaps(name, SessionStore::Access::kReadOnly);
+  const std::string work = std::string(name) + "_work";
+  std::filesystem::remove_all(work);
+  SessionStore store(work);
+  Backend backend(o.config, store);
+
+  std::vector<double> ms;
+  std::vector<Pose> keyposes;  // true
+  Pose odom_from_submap, truth_from_submap;
+  for (std::int64_t id = 0; id < submaps.submap_count(); ++id) {
+    Submap m = submaps.read_submap(id);
+    const Pose& last = truth.at(static_cast<std::size_t>(m.scans.back().sequence)).pose;
+    // The first keypose is the first scan's pose up to the sensor's first step.
+    if (id == 0) {
+      truth_from_submap = truth.at(static_cast<std::size_t>(m.scans.front().sequence)).pose *
+                          m.scans.front().submap_from_sensor.inverse();
+    }
+    keyposes.push_back(truth_from_submap);
+    truth_from_submap = last;
+    m = with_drift(std::move(m), o.scale, o.yaw, odom_from_submap);
+    odom_from_submap = odom_from_submap * m.scans.back().submap_from_sensor;
+    const bool is_last = id + 1 == submaps.submap_count();
+    ms.push_back(backend.add_submap(m, {}, is_last).ms_total);
+  }
+  const double finish_ms = backend.finish().ms_total;
+
+  const GraphState& graph = backend.graph();
+  int accepted = 0, wrong = 0, revisits = 0, closed = 0;
+  double worst_m = 0.0, worst_deg = 0.0;
+  std::vector<char> has(keyposes.size(), 0);
+  for (const ClosureRecord& c : graph.closures) {
+    const auto a = static_cast<std::size_t>(c.from_submap), b = static_cast<std::size_t>(c.to_submap);
+    const Pose error = (keyposes[a].inverse() * keyposes[b]).inverse() * c.from_from_to;
+    const double m = error.translation.norm(), deg = rotation_angle(error.rotation) * 180.0 / M_PI;
+    const bool is_false = m > 2.0 || deg > 5.0;
+    if (o.verbose) {
+      std::printf("    %3ld <- %3ld inliers %2d overlap %5.2f rms %6.3f %s error %.2f m %.2f deg  %s\n",
+                  static_cast<long>(c.from_submap), static_cast<long>(c.to_submap), c.inliers, c.overlap,
+                  c.residual_m, c.accepted ? (is_false ? "FALSE" : "ok   ") : (is_false ? "-    " : "miss "),
+                  m, deg, c.reason.c_str());
+    }
+    if (!c.accepted) continue;
+    ++accepted;
+    wrong += is_false;
+    worst_m = std::max(worst_m, m);
+    worst_deg = std::max(worst_deg, deg);
+    has[b] = 1;
+  }
+  for (std::size_t b = 0; b < keyposes.size(); ++b) {
+    bool revisit = false;
+    for (std::size_t a = 0; a + 4 <= b; ++a) {
+      revisit = revisit || (keyposes[a].translation - keyposes[b].translation).norm() < 20.0;
+    }
+    revisits += revisit;
+    closed += revisit && has[b];
+    if (o.verbose && revisit && !has[b])
+      std::printf("    submap %zu revisits a place and has no closure\n", b);
+  }
+  std::sort(ms.begin(), ms.end());
+  std::printf(
+      "%-16s submaps %3zu accepted %3d false %d (worst %.2f m %.2f deg) revisits %2d closed %2d "
+      "ATE %.3f -> %.3f m  ms median %.0f worst %.0f finish %.0f\n",
+      std::filesystem::path(drive).filename().c_str(), keyposes.size(), accepted, wrong, worst_m, worst_deg,
+      revisits, closed, ate(truth, graph, false), ate(truth, graph, true), ms[ms.size() / 2], ms.back(),
+      finish_ms);
+  std::fflush(stdout);
+  std::filesystem::remove_all(work);
+  return wrong;
+}
+
+}  // namespace
+}  // namespace hp2
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Scores the back-end on drives with ground truth; exits with 1 if a false closure was accepted.");
+  std::vector<std::string> drives;
+  hp2::Options o;
+  app.add_option("drives", drives, "drives, as on every command line")->required();
+  app.add_option("--cache", o.cache, "folder to keep the registered submaps in");
+  app.add_option("--mode", o.mode, "front-end's mode");
+  app.add_option("--length", o.length_m, "submap length [m]");
+  app.add_option("--drift-scale", o.scale, "added drift along the path, share of the path");
+  app.add_option("--drift-yaw", o.yaw, "added drift of the heading [rad/m]");
+  app.add_option("--candidates", o.config.candidates, "adaptive or paper");
+  app.add_flag("--verbose", o.verbose, "every verdict");
+  CLI11_PARSE(app, argc, argv);
+  int wrong = 0;
+  try {
+    for (const auto& d : drives) wrong += hp2::run(d, o);
+  } catch (const hp2::Error& e) {
+    std::fprintf(stderr, "%s\n", e.what());
+    return 2;
+  }
+  return wrong > 0;
+}
