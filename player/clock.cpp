@@ -97,32 +97,42 @@ std::int64_t estimate_sweep(const std::vector<std::int64_t>& stamps) {
   return typical > 210'000.0 ? kAssumedSweep_us : static_cast<std::int64_t>(typical);
 }
 
-TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us) {
-  double span = 0.0;
+TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us,
+                        double known_unit_s) {
+  std::vector<double> spans;
+  std::vector<double> lows;
   bool in_unit_interval = true;
   for (const auto& sample : samples) {
     const Span s = span_of(sample);
-    if (!s.finite) continue;
-    span = std::max(span, s.high - s.low);
+    if (!s.finite || !(s.high > s.low)) continue;
+    spans.push_back(s.high - s.low);
+    lows.push_back(s.low);
     in_unit_interval = in_unit_interval && s.low >= -1e-3 && s.high <= 1.001;
   }
   TimeUnit result;
   result.duration_us = step_us;
-  if (!(span > 0.0)) return result;
+  if (spans.empty()) return result;
+  const double span = median(spans);  // one damaged scan must not set the measure
   const double step_s = static_cast<double>(step_us) * 1e-6;
   const auto fits = [&](double low, double high) {
     for (const double unit : {1.0, 1e-3, 1e-6, 1e-9})
       if (span * unit >= low * step_s && span * unit <= high * step_s) return unit;
     return 0.0;
   };
-  result.unit_s = fits(0.3, 1.3);
+  if (known_unit_s > 0.0 && span * known_unit_s < 10.0) result.unit_s = known_unit_s;
+  if (result.unit_s == 0.0) result.unit_s = fits(0.3, 1.3);
   if (result.unit_s == 0.0 && in_unit_interval && span > 0.5) {
     result.normalised = true;
     return result;
   }
   // A sweep much shorter than the step between scans: scans were left out, or the sensor looks ahead only.
   if (result.unit_s == 0.0) result.unit_s = fits(0.0013, 0.3);
-  if (result.unit_s > 0.0) result.duration_us = std::llround(span * result.unit_s * 1e6);
+  if (result.unit_s > 0.0) {
+    result.duration_us = std::max<std::int64_t>(std::llround(span * result.unit_s * 1e6), 1);
+    const double low = median(lows) * result.unit_s * 1e6;
+    if (low < 0.0 && low > -2.0 * static_cast<double>(result.duration_us))
+      result.start_us = std::llround(low);
+  }
   return result;
 }
 
@@ -136,8 +146,9 @@ void apply_times(const std::vector<double>& raw, const TimeUnit& unit, Scan& sca
   if (!unit.normalised) {
     const double duration =
         unit.unit_s > 0.0 ? static_cast<double>(unit.duration_us) * 1e-6 / unit.unit_s : span.high - span.low;
-    // Times within a sweep begin near 0; anything else counts from another zero.
-    if (unit.unit_s == 0.0 || span.low < 0.0 || span.high > 1.5 * duration) offset = span.low;
+    // Times within a sweep begin near the drive's usual start; anything else counts from another zero.
+    offset = unit.unit_s > 0.0 ? static_cast<double>(unit.start_us) * 1e-6 / unit.unit_s : span.low;
+    if (span.low < offset - 0.5 * duration || span.high > offset + 1.5 * duration) offset = span.low;
     scale = 1.0 / duration;
   }
   scan.time.resize(raw.size());

@@ -30,10 +30,13 @@ struct TimeUnit {
   double unit_s = 0.0;           ///< Seconds; 0: no unit that makes sense, each scan is stretched to 0..1.
   bool normalised = false;       ///< They are 0..1 already.
   std::int64_t duration_us = 0;  ///< Length of a sweep.
+  std::int64_t start_us = 0;  ///< Start of the sweep after the scan's own stamp: not 0 if times are negative.
 };
 
 /// Finds the unit from a few scans' raw times and the typical step between stamps [us].
-TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us);
+/// @param known_unit_s seconds, where the format says it; 0: find it
+TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us,
+                        double known_unit_s = 0.0);
 
 /// Sets scan.time in [0, 1] from raw times. Absolute times (epoch and the like) count from the scan's first
 /// point. Times that are not finite, or all equal: scan.time is left empty.

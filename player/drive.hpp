@@ -39,7 +39,13 @@ struct Drive {
 /// @throws Error if no scan is left
 std::unique_ptr<ScanSource> make_source(Drive drive, const SourceOptions& options);
 
-// One reader each; see FORMATS in README.md. All throw Error if the drive is not there or has no scan.
+// One reader each; see README.md. All throw Error if the drive is not there or has no scan.
 Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptions& options);
+Drive open_kitti_raw(const std::string& folder, const SourceOptions& options);
+Drive open_mulran(const std::string& folder);
+Drive open_helipr(const std::string& folder, const SourceOptions& options);
+Drive open_apollo(const std::string& folder);
+Drive open_lcm_log(const std::string& file, const SourceOptions& options);
+Drive open_rosbag(const std::string& file, const SourceOptions& options);
 
 }  // namespace hp2

@@ -76,6 +76,38 @@ std::string_view FileBuffer::load(const std::string& path) {
   return {data_.get(), done};
 }
 
+PartFile::PartFile(const std::string& path) : path_(path) {
+  fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  struct stat status {};
+  if (fd_ < 0 || ::fstat(fd_, &status) != 0 || !S_ISREG(status.st_mode)) {
+    if (fd_ >= 0) ::close(fd_);
+    throw Error("cannot open the file", path, "Check that it is a file that exists and may be read.");
+  }
+  size_ = static_cast<std::uint64_t>(status.st_size);
+}
+
+PartFile::~PartFile() { ::close(fd_); }
+
+std::string PartFile::read(std::uint64_t offset, std::size_t n) const {
+  if (offset >= size_) return {};
+  n = static_cast<std::size_t>(std::min<std::uint64_t>(n, size_ - offset));
+  if (n > kMaxFileBytes)
+    throw Error("a message of " + std::to_string(n) + " bytes is too large", path_, "The file is damaged.");
+  std::string bytes(n, '\0');
+  std::size_t done = 0;
+  while (done < n) {
+    const ssize_t got = ::pread(fd_, bytes.data() + done, n - done, static_cast<off_t>(offset + done));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0)
+      throw Error("cannot read the file (" + std::string(std::strerror(errno)) + ")", path_,
+                  "Check the disk it lies on.");
+    if (got == 0) break;
+    done += static_cast<std::size_t>(got);
+  }
+  bytes.resize(done);
+  return bytes;
+}
+
 std::string read_text(const std::string& path) {
   FileBuffer buffer;
   return std::string(buffer.load(path));

@@ -1,6 +1,7 @@
 // Files and folders as the readers need them: whole files at once, names in natural order.
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -22,6 +23,28 @@ class FileBuffer {
  private:
   std::unique_ptr<char[]> data_;
   std::size_t capacity_ = 0;
+};
+
+/// A large file of which parts are read. Thread-safe.
+class PartFile {
+ public:
+  /// @throws Error if `path` is no regular file or cannot be read
+  explicit PartFile(const std::string& path);
+  PartFile(const PartFile&) = delete;
+  PartFile& operator=(const PartFile&) = delete;
+  ~PartFile();
+
+  const std::string& path() const { return path_; }
+  /// Size when it was opened [bytes].
+  std::uint64_t size() const { return size_; }
+  /// Bytes [offset, offset + n); fewer at the file's end.
+  /// @throws Error if more than kMaxFileBytes are asked for or the disk fails
+  std::string read(std::uint64_t offset, std::size_t n) const;
+
+ private:
+  std::string path_;
+  int fd_ = -1;
+  std::uint64_t size_ = 0;
 };
 
 /// The whole of a text file; see FileBuffer::load for the errors.

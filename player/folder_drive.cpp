@@ -161,28 +161,6 @@ void read_ptimes(const std::string& path, Scan& scan) {
 
 }  // namespace
 
-std::optional<Pose> kitti_camera_from_lidar(const std::string& path) {
-  if (!is_file(path)) return std::nullopt;
-  const std::string text = read_text(path);
-  for (const std::string_view line : split_lines(text)) {
-    for (const std::string_view key : {"Tr:", "Tr_velo_to_cam:"}) {
-      if (line.substr(0, key.size()) != key) continue;
-      const std::vector<double> numbers = parse_numbers(line.substr(key.size()));
-      return pose_from_numbers(numbers.data(), numbers.size());
-    }
-  }
-  return std::nullopt;
-}
-
-std::int64_t stamp_of_name(const std::string& name) {
-  const std::string digits = stem(name);
-  std::int64_t value = 0;
-  const auto [rest, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
-  if (error != std::errc() || rest != digits.data() + digits.size() || value <= 0) return -1;
-  if (digits.size() == 19) return value / 1000;
-  return digits.size() == 16 ? value : -1;
-}
-
 Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptions& options) {
   Layout layout = find_layout(folder);
   Drive drive;
@@ -220,7 +198,7 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
   }
   set_times(drive, stamps, has_times ? unit.duration_us : 0);
   if (stamps_are_starts)
-    for (std::size_t i = 0; i < stamps.size(); ++i) drive.scans[i].utime = stamps[i];
+    for (std::size_t i = 0; i < stamps.size(); ++i) drive.scans[i].utime = stamps[i] + unit.start_us;
 
   if (kitti)
     set_kitti_ground_truth(layout, drive);
@@ -232,10 +210,7 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
   drive.decode = [unit, correct, ptimes, has_times](const DriveScan& entry, Scan& scan) {
     thread_local PointFile file;
     read_point_file(entry.path, file);
-    scan.x = std::move(file.scan.x);
-    scan.y = std::move(file.scan.y);
-    scan.z = std::move(file.scan.z);
-    scan.intensity = std::move(file.scan.intensity);
+    move_points(file, scan);
     if (correct) correct_kitti_vertical_angle(scan);
     if (!ptimes.empty())
       read_ptimes(ptimes + stem(base_name(entry.path)) + ".bin", scan);

@@ -1,6 +1,7 @@
 #include "player/ground_truth.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 
 #include "player/file_io.hpp"
@@ -31,23 +32,60 @@ std::vector<std::optional<Pose>> read_kitti_poses(const std::string& path) {
   return poses;
 }
 
-std::vector<StampedPose> read_stamped_poses(const std::string& path, std::size_t skip, double unit_s) {
+std::optional<std::int64_t> parse_stamp(std::string_view word, double unit_s) {
+  std::int64_t whole = 0;
+  const auto [rest, error] = std::from_chars(word.data(), word.data() + word.size(), whole);
+  if (unit_s == 1e-9 && error == std::errc() && rest == word.data() + word.size()) return whole / 1000;
+  const std::vector<double> numbers = parse_numbers(word);
+  if (numbers.size() != 1 || !(std::abs(numbers[0] * unit_s) < 4e12)) return std::nullopt;
+  return std::llround(numbers[0] * unit_s * 1e6);
+}
+
+namespace {
+
+/// The word number `index` of a line, words parted by blanks or commas; "" if there are fewer.
+std::string_view word_of(std::string_view line, std::size_t index) {
+  constexpr std::string_view kSeparators = " \t,;";
+  for (std::size_t i = 0; (i = line.find_first_not_of(kSeparators, i)) != std::string_view::npos; --index) {
+    const std::size_t end = std::min(line.find_first_of(kSeparators, i), line.size());
+    if (index == 0) return line.substr(i, end - i);
+    i = end;
+  }
+  return {};
+}
+
+/// Lines of a time, at word `skip`, and what `to_pose` makes of the numbers after it; sorted by time.
+template <typename ToPose>
+std::vector<StampedPose> read_stamped(const std::string& path, std::size_t skip, double unit_s,
+                                      const ToPose& to_pose) {
   const std::string text = read_text(path);
   std::vector<StampedPose> poses;
   for (const std::string_view line : split_lines(text)) {
     if (line.empty() || line[0] == '#') continue;
-    const std::vector<double> v = parse_numbers(line);
-    if (v.size() < skip + 8) continue;
-    const double* p = v.data() + skip;
-    if (!std::all_of(p, p + 8, [](double x) { return std::isfinite(x); })) continue;
-    const double time_us = p[0] * unit_s * 1e6;
-    const Eigen::Quaterniond q(p[7], p[4], p[5], p[6]);
-    if (std::abs(time_us) > 4e18 || std::abs(q.norm() - 1.0) > 0.01) continue;
-    poses.push_back({std::llround(time_us), Pose(q, Eigen::Vector3d(p[1], p[2], p[3]))});
+    const auto stamp = parse_stamp(word_of(line, skip), unit_s);
+    const std::vector<double> numbers = parse_numbers(line);
+    if (!stamp || numbers.size() <= skip) continue;
+    const std::optional<Pose> pose = to_pose(numbers.data() + skip + 1, numbers.size() - skip - 1);
+    if (pose) poses.push_back({*stamp, *pose});
   }
   std::stable_sort(poses.begin(), poses.end(),
                    [](const StampedPose& a, const StampedPose& b) { return a.utime < b.utime; });
   return poses;
+}
+
+}  // namespace
+
+std::vector<StampedPose> read_stamped_poses(const std::string& path, std::size_t skip, double unit_s) {
+  return read_stamped(path, skip, unit_s, [](const double* p, std::size_t n) -> std::optional<Pose> {
+    if (n < 7 || !std::all_of(p, p + 7, [](double v) { return std::isfinite(v); })) return std::nullopt;
+    const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
+    if (std::abs(q.norm() - 1.0) > 0.01) return std::nullopt;
+    return Pose(q, Eigen::Vector3d(p[0], p[1], p[2]));
+  });
+}
+
+std::vector<StampedPose> read_stamped_matrices(const std::string& path) {
+  return read_stamped(path, 0, 1e-9, pose_from_numbers);
 }
 
 std::optional<Pose> pose_at(const std::vector<StampedPose>& trajectory, std::int64_t utime,

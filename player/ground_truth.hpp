@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "player/scan_source.hpp"
@@ -21,6 +22,13 @@ std::vector<std::optional<Pose>> read_kitti_poses(const std::string& path);
 /// seconds. Lines that are no pose are left out; the result is sorted by time.
 /// @throws Error if the file cannot be read
 std::vector<StampedPose> read_stamped_poses(const std::string& path, std::size_t skip, double unit_s);
+
+/// Reads lines of a time [ns] and the 12 numbers of a 3x4 matrix; otherwise as read_stamped_poses.
+std::vector<StampedPose> read_stamped_matrices(const std::string& path);
+
+/// A time as a word of digits, exact where a double would not be: whole nanoseconds (unit_s = 1e-9) or
+/// seconds. Nothing if it is no number, or none that a clock could show.
+std::optional<std::int64_t> parse_stamp(std::string_view word, double unit_s);
 
 /// Pose at `utime` out of poses sorted by time: between its two neighbours, or from the nearest one if a
 /// neighbour is further away than `max_gap_us`; up to `max_gap_us` beyond the ends. Nothing if no pose is

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 #include "common/error.hpp"
 #include "player/file_io.hpp"
@@ -18,6 +19,13 @@ void read_points(const PointColumns& columns, std::size_t n, PointFile& out) {
   out.raw_time.clear();
   if (columns.intensity.first) read_column(columns.intensity, n, out.scan.intensity);
   if (columns.time.first) read_column(columns.time, n, out.raw_time);
+}
+
+void move_points(PointFile& file, Scan& scan) {
+  scan.x = std::move(file.scan.x);
+  scan.y = std::move(file.scan.y);
+  scan.z = std::move(file.scan.z);
+  scan.intensity = std::move(file.scan.intensity);
 }
 
 void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {

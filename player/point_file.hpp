@@ -24,6 +24,9 @@ struct PointColumns {
 /// Reads n points of a table. See read_column for what the caller vouches for.
 void read_points(const PointColumns& columns, std::size_t n, PointFile& out);
 
+/// Moves the points of `file` into `scan`, whose clock stays as it is.
+void move_points(PointFile& file, Scan& scan);
+
 /// KITTI's layout: float32 x y z intensity.
 /// @throws Error if the size is not a multiple of 16 bytes
 void parse_bin(std::string_view bytes, const std::string& path, PointFile& out);

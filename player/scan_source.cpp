@@ -11,21 +11,20 @@
 namespace hp2 {
 namespace {
 
-const std::vector<std::string> kFormats = {"kitti", "generic"};
+const std::vector<std::string> kFormats = {"kitti",  "kitti-raw", "mulran",  "helipr",
+                                           "apollo", "generic",   "lcm-log", "rosbag"};
 
 Drive open_drive(const std::string& spec, const std::string& format, const SourceOptions& options) {
+  if (format == "kitti-raw") return open_kitti_raw(spec, options);
+  if (format == "mulran") return open_mulran(spec);
+  if (format == "helipr") return open_helipr(spec, options);
+  if (format == "apollo") return open_apollo(spec);
+  if (format == "lcm-log") return open_lcm_log(spec, options);
+  if (format == "rosbag") return open_rosbag(spec, options);
   return open_folder_drive(spec, format == "kitti", options);
 }
 
 }  // namespace
-
-std::string recognise_format(const std::string& path) {
-  if (is_folder(path + "/velodyne") && kitti_camera_from_lidar(path + "/calib.txt")) return "kitti";
-  for (const std::string& folder : {path + "/velodyne", path})
-    for (const char* extension : {".bin", ".pcd", ".ply"})
-      if (!list_files(folder, extension).empty()) return "generic";
-  return "";
-}
 
 std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOptions& options) {
   if (spec.rfind("synthetic:", 0) == 0) return open_synthetic(spec, options);
@@ -35,8 +34,9 @@ std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOpt
   std::string format = options.dataset;
   if (format.empty()) format = recognise_format(spec);
   if (format.empty())
-    throw Error("the folder holds no scan in a layout that is known", spec,
-                "Give the folder that holds the scans or velodyne/, or say its format with --dataset.");
+    throw Error("this holds no scan in a layout that is known", spec,
+                "Give the folder that holds the scans or velodyne/, an LCM log or a ROS bag, or say the "
+                "format with --dataset.");
   if (std::find(kFormats.begin(), kFormats.end(), format) == kFormats.end()) {
     std::string known;
     for (const std::string& name : kFormats) known += (known.empty() ? "" : ", ") + name;
