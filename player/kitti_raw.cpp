@@ -149,17 +149,19 @@ void set_ground_truth(const std::string& folder, const std::vector<std::size_t>&
 /// Older copies of the data set: a line "x y z intensity" a point.
 void parse_text_scan(const std::string& path, Scan& scan) {
   const std::string text = read_text(path);
-  std::size_t n = 0;
-  for (const std::string_view line : split_lines(text))
-    n += line.find_first_not_of(" \t") != std::string_view::npos;
-  const std::vector<double> table = parse_ascii_table(text, n, 4, path);
-  PointFile file;
-  const char* base = reinterpret_cast<const char*>(table.data());
-  const auto column = [&](std::size_t k) {
-    return Column{base + k * sizeof(double), 4 * sizeof(double), ScalarType::kFloat64, false};
-  };
-  read_points({column(0), column(1), column(2), column(3), {}}, n, file);
-  move_points(file, scan);
+  std::size_t number = 0;
+  for (const std::string_view line : split_lines(text)) {
+    ++number;
+    const std::vector<double> v = parse_numbers(line);
+    if (v.empty()) continue;
+    if (v.size() != 4)
+      throw Error("a line of the scan has " + std::to_string(v.size()) + " numbers",
+                  path + ", line " + std::to_string(number), "Each must have four: x y z intensity.");
+    scan.x.push_back(static_cast<float>(v[0]));
+    scan.y.push_back(static_cast<float>(v[1]));
+    scan.z.push_back(static_cast<float>(v[2]));
+    scan.intensity.push_back(static_cast<float>(v[3]));
+  }
 }
 
 }  // namespace

@@ -92,7 +92,7 @@ TEST(KittiRaw, TextScansAndMissingFiles) {
   ASSERT_EQ(scan.size(), 2U);
   EXPECT_EQ(scan.x[0], 1.5F);
   EXPECT_EQ(scan.intensity[1], 0.125F);
-  EXPECT_THAT(error_of([&] { source->read(1); }), HasSubstr("ends early"));
+  EXPECT_THAT(error_of([&] { source->read(1); }), HasSubstr("0000000001.txt, line 1"));
   EXPECT_EQ(source->read(2).size(), 0U);
 
   std::filesystem::remove(folder / "2011_09_26/calib_imu_to_velo.txt");
@@ -203,7 +203,8 @@ TEST_P(HeliprTest, PointsTimesAndPoses) {
     truth += std::to_string(stamp) + " " + std::to_string(1000.5 + k) + " 2 3 0 0 0.6 0.8\n";
   }
   folder.write("Bridge01/LiDAR_GT/global_" + sensor + "_gt.txt", truth);
-  for (const std::string spec : {"Bridge01", "Bridge01/LiDAR", "Bridge01/LiDAR/" + GetParam()}) {
+  for (const std::string& spec :
+       {std::string("Bridge01"), std::string("Bridge01/LiDAR"), "Bridge01/LiDAR/" + sensor}) {
     const auto source = open_source(folder / spec);
     EXPECT_EQ(source->info().format, "helipr");
     EXPECT_TRUE(source->warnings().empty());
@@ -248,7 +249,7 @@ TEST_P(HeliprTest, Damage) {
 }
 
 INSTANTIATE_TEST_SUITE_P(AllSensors, HeliprTest, ::testing::Values("Ouster", "Avia", "Aeva", "Velodyne"),
-                         [](const auto& info) { return info.param; });
+                         [](const auto& parameter) { return parameter.param; });
 
 TEST(Helipr, SeveralSensorsMustBeChosenFrom) {
   const TempFolder folder;
