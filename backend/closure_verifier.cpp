@@ -25,8 +25,12 @@ constexpr double kMinConstraint = 0.015;
 constexpr double kNonPlanarWeight = 0.15;  // a bush fixes a position less well than a wall
 // A shifted pose that explains this share of what the best one explains makes the place ambiguous.
 constexpr double kAmbiguous = 0.85;
-constexpr double kShiftFrom = 2.0, kShiftTo = 16.0, kShiftStep = 1.0;  // [m]
-constexpr std::size_t kShiftSample = 1000;
+constexpr double kShiftFrom = 2.0, kShiftTo = 16.0, kShiftStep = 1.5;  // [m]
+constexpr double kShiftAngles = 12;
+constexpr std::size_t kShiftSample = 600, kOverlapSample = 6000;
+constexpr double kSamePlace =
+    0.7;  // [m]: a shifted registration that comes back to within this confirms the pose
+constexpr float kSharp = 0.2F;  // [m]: what counts as the same surface where two poses are compared
 // What a closure is never better than: the submaps are bent by as much themselves.
 constexpr double kTranslationFloor = 0.04;  // [m]
 constexpr double kRotationFloor = 0.002;    // [rad]
@@ -37,6 +41,10 @@ std::vector<Eigen::Vector3f> every_nth(const std::vector<Eigen::Vector3f>& point
   std::vector<Eigen::Vector3f> out;
   for (std::size_t i = 0; i < points.size(); i += stride) out.push_back(points[i]);
   return out;
+}
+
+int stride_for(const CheckedSubmap& submap, std::size_t sample) {
+  return static_cast<int>(1 + submap.cloud.voxels().size() / sample);
 }
 
 std::string text(const char* format, double a, double b) {
@@ -60,7 +68,9 @@ Constraint constraint_of(const CheckedSubmap& from, const CheckedSubmap& to, con
   Eigen::Matrix3d directions = Eigen::Matrix3d::Zero();
   double squares = 0.0;
   int n = 0;
-  for (const auto& v : to.cloud.voxels()) {
+  const int stride = stride_for(to, kOverlapSample);
+  for (std::size_t i = 0; i < to.cloud.voxels().size(); i += static_cast<std::size_t>(stride)) {
+    const VoxelCloud::Voxel& v = to.cloud.voxels()[i];
     const Eigen::Vector3f p = r * v.point + t;
     if (!(p.cwiseAbs().maxCoeff() < 1e5F)) continue;
     const auto* match = from.cloud.nearest(p, 0.4F);
@@ -83,7 +93,7 @@ Constraint constraint_of(const CheckedSubmap& from, const CheckedSubmap& to, con
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(directions / n, Eigen::EigenvaluesOnly);
   out.weakest = eigen.eigenvalues()[0];
   out.residual_m = std::sqrt(squares / n);
-  out.information /= kSurfaceNoise * kSurfaceNoise;
+  out.information *= stride / (kSurfaceNoise * kSurfaceNoise);
   return out;
 }
 
@@ -95,25 +105,49 @@ Matrix6d with_floor(const Matrix6d& information) {
   return 0.5 * (floored + floored.transpose());
 }
 
-// Share of the best pose's agreement that the best shifted pose within `reach_m` reaches.
+FrontendConfig fine_config() {
+  FrontendConfig fine;
+  fine.mode = "robust";
+  return fine;
+}
+
+Pose register_fine(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess) {
+  return register_clouds(from.points, every_nth(to.points, kFineSource), guess, fine_config(), kFineSigma,
+                         kFineDistance)
+      .target_from_source;
+}
+
+// Share of the best pose's agreement that another pose within `reach_m` reaches. Most shifted poses explain
+// far less and are done with at a glance; one that does not (along a corridor) is registered itself: if it
+// slides back to the best pose, there is but one.
 double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to,
                  double reach_m) {
-  const int stride = static_cast<int>(1 + to.cloud.voxels().size() / kShiftSample);
+  const int stride = stride_for(to, kShiftSample);
   const Overlap here = overlap_of(to.cloud, from.cloud, from_from_to, stride, 0.3F);
   if (here.structure == 0) return 1.0;
   double best = 0.0;
+  Pose best_pose = from_from_to;
   const Eigen::Quaterniond up = from.ground.ground_from_submap.rotation.conjugate();
   for (double d = kShiftFrom; d <= std::min(kShiftTo, reach_m); d += kShiftStep) {
-    for (int k = 0; k < 12; ++k) {
-      const double angle = k * M_PI / 6.0;
+    for (int k = 0; k < kShiftAngles; ++k) {
+      const double angle = k * 2.0 * M_PI / kShiftAngles;
       Pose shifted = from_from_to;
       shifted.translation += up * Eigen::Vector3d(d * std::cos(angle), d * std::sin(angle), 0.0);
       const Overlap there = overlap_of(to.cloud, from.cloud, shifted, stride, 0.3F);
       // A shift that brings hardly anything together says nothing.
-      if (2 * there.structure > here.structure) best = std::max(best, there.share);
+      if (2 * there.structure < here.structure || there.share <= best) continue;
+      best = there.share;
+      best_pose = shifted;
     }
   }
-  return here.share > 0.0 ? best / here.share : 1.0;
+  const double share = best / std::max(here.share, 1e-9);
+  if (share <= kAmbiguous) return share;
+  const Pose again = register_fine(from, to, best_pose);
+  if ((again.translation - from_from_to.translation).norm() < kSamePlace) return 0.0;
+  const int fine_stride = stride_for(to, kOverlapSample);
+  const Overlap other = overlap_of(to.cloud, from.cloud, again, fine_stride, kSharp);
+  const Overlap first = overlap_of(to.cloud, from.cloud, from_from_to, fine_stride, kSharp);
+  return other.share / std::max(first.share, 1e-9);
 }
 
 }  // namespace
@@ -167,8 +201,13 @@ ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to,
   if (!result.target_from_source.is_finite()) return refused("the registration failed");
   c.from_from_to = result.target_from_source;
 
-  const Overlap forth = overlap_of(to.cloud, from.cloud, c.from_from_to);
-  const Overlap back = overlap_of(from.cloud, to.cloud, c.from_from_to.inverse());
+  const int stride = stride_for(to, kOverlapSample), back_stride = stride_for(from, kOverlapSample);
+  Overlap forth = overlap_of(to.cloud, from.cloud, c.from_from_to, stride);
+  Overlap back = overlap_of(from.cloud, to.cloud, c.from_from_to.inverse(), back_stride);
+  forth.common *= stride;
+  forth.structure *= stride;
+  back.common *= back_stride;
+  back.structure *= back_stride;
   const Constraint constraint = constraint_of(from, to, c.from_from_to);
   c.overlap = std::min(forth.share, back.share);
   c.residual_m = constraint.residual_m;

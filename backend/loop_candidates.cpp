@@ -17,14 +17,14 @@ constexpr double kReach = 25.0;                   // [m] paths further apart see
 constexpr double kMinGap = 12.0, kMaxGap = 60.0;  // [m] bounds of the way that must lie between two visits
 constexpr double kNoLimit = 1e9;
 // Way through the graph [m] after which a good odometry is still within the registration's reach.
-constexpr double kKnownWithin = 250.0;
+constexpr double kKnownWithin = 500.0;
 constexpr double kComeBack = 0.5;          // a revisit is at most this share of the way between away
 constexpr double kClosureLength = 1.0;     // [m] a closure counts as so much way
 constexpr double kDegenerateFactor = 3.0;  // a degenerate metre may be wrong as much as this many others
 constexpr double kLostMetres =
     20.0;  // a lost scan may be wrong by the drift of so many metres, and twenty times its own
 constexpr double kBoundFloor = 1.0;            // [m]
-constexpr double kRotationBoundFloor = 0.1;    // [rad]
+constexpr double kRotationBoundFloor = 0.2;    // [rad]
 constexpr double kRotationBoundGrowth = 5e-4;  // [rad / m]
 constexpr std::size_t kMaxAligned = 10;        // submaps whose matches are aligned in 2D
 

@@ -12,11 +12,11 @@ namespace {
 constexpr std::size_t kKeptSubmaps = 8;
 constexpr int kEnoughClosures = 2;  // a submap that has so many needs no further ones
 constexpr int kFurtherPairs = 2;    // checked after a correction, a submap
-constexpr int kMaxChecksAPair = 3;
+constexpr int kMaxChecksAPair = 2;
 constexpr double kTriedAlready_m = 1.0, kTriedAlready_rad = 0.05;
 // How far the registration may end from where it began. An image's cells and matches are coarser than a
 // corrected graph.
-constexpr double kAlikeReach_m = 3.0, kNearReach_m = 3.5, kReach_rad = 0.17;
+constexpr double kAlikeReach_m = 5.0, kNearReach_m = 3.5, kReach_rad = 0.26;
 
 // True if the pair was looked at from about there before, or often enough.
 bool tried(const std::vector<ClosureRecord>& closures, std::int64_t from, std::int64_t to,

@@ -33,7 +33,8 @@ class VoxelCloud {
   const Voxel* nearest(const Eigen::Vector3f& p, float max_distance_m) const;
 
  private:
-  /// The maps take the low bits of a hash as it stands: coordinates packed side by side would nearly all collide.
+  /// The maps take the low bits of a hash as it stands: coordinates packed side by side would nearly all
+  /// collide.
   struct Mix {
     std::size_t operator()(std::uint64_t k) const {
       k *= 0x9E3779B97F4A7C15ULL;

@@ -45,6 +45,6 @@ PoseGraphSummary optimise(std::vector<Pose>& nodes, const std::vector<GraphEdge>
 /// @return one a closure: true if it took part
 std::vector<bool> optimise_consistent(std::vector<Pose>& nodes, const std::vector<GraphEdge>& odometry,
                                       const std::vector<GraphEdge>& closures,
-                                      const EdgeGap& max_gap = {0.7, 0.05});
+                                      const EdgeGap& max_gap = {1.0, 0.1});
 
 }  // namespace hp2
