@@ -165,11 +165,13 @@ std::vector<std::uint8_t> encode_submap(const SubmapPackage& package, std::int64
     m.x[i] = submap.points[i].x();
     m.y[i] = submap.points[i].y();
     m.z[i] = submap.points[i].z();
+    if (i >= submap.normals.size()) continue;
     m.nx[i] = to_byte(submap.normals[i].x());
     m.ny[i] = to_byte(submap.normals[i].y());
     m.nz[i] = to_byte(submap.normals[i].z());
   }
   m.scan_index = submap.scan_indices;
+  m.scan_index.resize(n);
   m.n_scans = static_cast<std::int32_t>(submap.scans.size());
   for (const auto& scan : submap.scans) m.scans.push_back(to_message(scan));
   m.n_scans_skipped = submap.scans_skipped;

@@ -1,6 +1,5 @@
 #include "common/transport/message_loader.hpp"
 
-#include <exception>
 #include <iterator>
 #include <utility>
 
@@ -48,9 +47,9 @@ EncodedMessagePtr MessageLoader::get(std::int64_t id) {
   return nullptr;
 }
 
-std::optional<std::string> MessageLoader::take_error() {
+void MessageLoader::rethrow_error() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return std::exchange(error_, std::nullopt);
+  if (error_) std::rethrow_exception(error_);
 }
 
 std::optional<std::int64_t> MessageLoader::choose() const {
@@ -75,11 +74,11 @@ void MessageLoader::work() {
     busy_.insert(*id);
     lock.unlock();
     EncodedMessagePtr message;
-    std::string error;
+    std::exception_ptr error;
     try {
       message = std::make_shared<EncodedMessage>(load_(*id));
-    } catch (const std::exception& e) {
-      error = e.what();
+    } catch (...) {
+      error = std::current_exception();
     }
     lock.lock();
     busy_.erase(*id);

@@ -3,12 +3,12 @@
 #pragma once
 #include <condition_variable>
 #include <cstdint>
+#include <exception>
 #include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <set>
-#include <string>
 #include <thread>
 #include <vector>
 
@@ -33,8 +33,8 @@ class MessageLoader {
   void set_end(std::int64_t end);
   /// The message if it is ready; otherwise it is made next. Never blocks.
   EncodedMessagePtr get(std::int64_t id);
-  /// What went wrong in a worker, once; nothing if all is well.
-  std::optional<std::string> take_error();
+  /// Throws what a worker threw, if one did.
+  void rethrow_error();
 
  private:
   void work();
@@ -47,7 +47,7 @@ class MessageLoader {
   std::map<std::int64_t, EncodedMessagePtr> ready_;
   std::set<std::int64_t> busy_;
   std::int64_t end_ = 0, wanted_ = 0, missed_ = -1;
-  std::optional<std::string> error_;
+  std::exception_ptr error_;
   bool stop_ = false;
   std::vector<std::thread> threads_;
 };

@@ -61,8 +61,9 @@ void Outbox::on_fetch(const fetch_t& fetch) {
   if (!offered_) return;
   reader_id_ = fetch.sender_id;
   heard_us_ = endpoint_.bus().now_us();
-  wanted_id_ = std::min(fetch.wanted_id, offer_.next_id);
+  wanted_id_ = fetch.wanted_id;
   done_id_ = std::max(done_id_, std::min(fetch.done_id, offer_.next_id));
+  if (fetch.done_id >= fetch_t::ALL) over_ = true;
   if (on_reader_) on_reader_(fetch);
   if (fetch.n == 0 || fetch.message_id < offer_.first_id || fetch.message_id >= offer_.next_id) return;
   Request request{fetch.message_id, fetch.indices, endpoint_.bus().now_us()};

@@ -44,7 +44,9 @@ class Outbox {
   std::int64_t next() const { return offer_.next_id; }
   /// All messages before it are done with for good, as far as any reader said.
   std::int64_t done_id() const { return done_id_; }
-  /// The last reader's next wish.
+  /// A reader said that its session is over and that it wants nothing any more.
+  bool over() const { return over_; }
+  /// The last reader's next wish; may lie beyond what is offered.
   std::int64_t wanted_id() const { return wanted_id_; }
   /// Process that fetched last, and when [us]; 0: nobody yet.
   std::int64_t reader_id() const { return reader_id_; }
@@ -70,7 +72,7 @@ class Outbox {
   Provider provider_;
   std::function<void(const fetch_t&)> on_reader_;
   offer_t offer_;
-  bool offered_ = false, any_session_ = false;
+  bool offered_ = false, any_session_ = false, over_ = false;
   std::int64_t last_offer_us_ = 0;
   std::int64_t done_id_ = 0, wanted_id_ = 0, reader_id_ = 0, heard_us_ = 0;
   std::deque<Request> waiting_;                          // for a message that is not ready yet

@@ -18,6 +18,8 @@ constexpr std::int64_t kLiveUs = 1'500'000;
 constexpr std::size_t kMostPeers = 64;
 constexpr std::size_t kMostCounters = 100;
 constexpr std::size_t kLongestText = 300;
+constexpr std::size_t kMostWarnings = 20;
+const std::string kWarningMark = "warning: ";
 constexpr int kStatusQueue = 64;
 
 std::string host_name() {
@@ -36,8 +38,16 @@ Presence::Presence(Endpoint& endpoint, std::string process)
 void Presence::set(const Report& report) {
   const bool news = report.state != report_.state || report.text != report_.text;
   report_ = report;
+  if (report_.text.size() > kLongestText) report_.text.resize(kLongestText);
   if (news) spdlog::info("{}", report_.text);
   poll(news);
+}
+
+void Presence::warn(const std::string& text) {
+  spdlog::warn("{}", text);
+  if (warnings_.size() >= kMostWarnings) return;
+  warnings_.push_back(text.substr(0, kLongestText - 20));
+  all_warnings_.push_back(process_ + ": " + warnings_.back());
 }
 
 double Presence::rate() const {
@@ -47,18 +57,12 @@ double Presence::rate() const {
   return t1 > t0 ? 1e6 * static_cast<double>(done1 - done0) / static_cast<double>(t1 - t0) : 0.0;
 }
 
-void Presence::poll(bool force) {
-  const std::int64_t now = endpoint_.bus().now_us();
-  if (!force && now - last_us_ < kPeriodUs) return;
-  last_us_ = now;
-  if (!history_.empty() && report_.done < history_.back().second) history_.clear();
-  history_.emplace_back(now, report_.done);
-  while (now - history_.front().first > kRateWindowUs) history_.pop_front();
+status_t Presence::status() const {
   status_t m;
   m.utime = endpoint_.bus().wall_us();
   m.session_id = endpoint_.session_id();
   m.sender_id = endpoint_.sender_id();
-  m.number = number_++;
+  m.number = number_;
   m.process = process_;
   m.version = version();
   m.pid = ::getpid();
@@ -76,6 +80,20 @@ void Presence::poll(bool force) {
     m.counters.push_back(std::move(counter));
   }
   m.n_counters = static_cast<std::int32_t>(m.counters.size());
+  return m;
+}
+
+void Presence::poll(bool force) {
+  const std::int64_t now = endpoint_.bus().now_us();
+  if (!force && now - last_us_ < kPeriodUs) return;
+  last_us_ = now;
+  if (!history_.empty() && report_.done < history_.back().second) history_.clear();
+  history_.emplace_back(now, report_.done);
+  while (now - history_.front().first > kRateWindowUs) history_.pop_front();
+  status_t m = status();
+  const auto turn = static_cast<std::size_t>(m.number) % (2 * std::max<std::size_t>(1, warnings_.size()));
+  if (turn % 2 == 1 && !warnings_.empty()) m.text = kWarningMark + warnings_[turn / 2];
+  ++number_;
   endpoint_.publish(kStatusChannel, m);
 }
 
@@ -91,6 +109,11 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
     peers_.erase(std::min_element(peers_.begin(), peers_.end(), [](const auto& a, const auto& b) {
       return a.second.heard_us < b.second.heard_us;
     }));
+  }
+  if (m.text.rfind(kWarningMark, 0) == 0 && m.session_id == endpoint_.session_id()) {
+    const std::string warning = m.process + ": " + m.text.substr(kWarningMark.size());
+    const bool known = std::find(all_warnings_.begin(), all_warnings_.end(), warning) != all_warnings_.end();
+    if (!known && all_warnings_.size() < 4 * kMostWarnings) all_warnings_.push_back(warning);
   }
   const std::int64_t sender = m.sender_id;
   peers_[sender] = Peer{std::move(m), endpoint_.bus().now_us()};

@@ -5,6 +5,7 @@
 #include <map>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "common/transport/endpoint.hpp"
 
@@ -33,6 +34,11 @@ class Presence {
   /// Takes the new report; a change of state or text is published at once and logged.
   void set(const Report& report);
   const Report& report() const { return report_; }
+  /// A remark on the data that the user should read: logged, and told in STATUS again and again ("warning:
+  /// ..."), so that a viewer that comes late hears of it, too.
+  void warn(const std::string& text);
+  /// Remarks of all processes, in order of arrival, each once.
+  const std::vector<std::string>& warnings() const { return all_warnings_; }
   /// `done` per second over the last 3 seconds.
   double rate() const;
   /// Publishes what is due. @param force publishes now
@@ -43,6 +49,9 @@ class Presence {
   /// A process `name` of this session that spoke in the last 1.5 s and has not said that it ended, other than
   /// this one.
   const Peer* live(const std::string& name) const;
+  /// This process's own status as it stands.
+  status_t status() const;
+  std::int64_t now_us() const { return endpoint_.bus().now_us(); }
   /// Number of STATUS messages sent.
   std::int64_t number() const { return number_; }
 
@@ -52,6 +61,7 @@ class Presence {
   Endpoint& endpoint_;
   std::string process_, host_;
   Report report_;
+  std::vector<std::string> warnings_, all_warnings_;
   std::int64_t number_ = 0, last_us_ = 0;
   std::deque<std::pair<std::int64_t, std::int64_t>> history_;  // (time, done)
   std::map<std::int64_t, Peer> peers_;

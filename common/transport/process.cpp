@@ -43,11 +43,13 @@ void add_common_options(CLI::App& app, CommonOptions& options, bool configurable
   app.get_formatter()->column_width(34);
 }
 
-bool apply_common_options(const CommonOptions& options, Config* config) {
+bool apply_common_options(const CommonOptions& options, Config* config,
+                          const std::function<void()>& override) {
   set_log_level(options.log_level);
   if (config == nullptr) return false;
   config->ignore(config_section_names());
   if (!options.config_path.empty()) config->load(options.config_path);
+  if (override) override();
   if (!options.print_config) return false;
   std::fputs(config->print().c_str(), stdout);
   return true;

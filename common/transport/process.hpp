@@ -21,10 +21,12 @@ struct CommonOptions {
 /// @param configurable adds --config and --print-config
 void add_common_options(CLI::App& app, CommonOptions& options, bool configurable);
 
-/// Sets the log level and reads the configuration file, if one is given.
+/// Sets the log level and reads the configuration file, if one is given; then calls `override`, by which
+/// options of the command line win over the file.
 /// @return true if --print-config was asked for and served: the program should end
 /// @throws Error for a bad level or file
-bool apply_common_options(const CommonOptions& options, Config* config);
+bool apply_common_options(const CommonOptions& options, Config* config,
+                          const std::function<void()>& override = {});
 
 /// Names of all sections of the configuration file, so that each program can leave the others' alone.
 const std::vector<std::string>& config_section_names();

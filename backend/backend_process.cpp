@@ -1,0 +1,167 @@
+#include "backend/backend_process.hpp"
+
+#include <memory>
+#include <utility>
+
+#include <spdlog/spdlog.h>
+
+#include "common/transport/channels.hpp"
+#include "common/transport/peer_summary.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr std::int64_t kCorrectionPeriodUs = 500'000;
+constexpr std::int64_t kRetryUs = 1'000'000;
+constexpr std::int64_t kKeepStatusesUs = 10'000'000;
+constexpr int kSubmapsAhead = 2;
+
+}  // namespace
+
+BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const BackendProcessOptions& options)
+    : bus_(bus),
+      options_(options),
+      endpoint_(bus),
+      presence_(endpoint_, "hp2_backend"),
+      worker_(options.session_folder, config,
+              [this](SessionSnapshot s) {
+                bus_.post([this, p = std::make_shared<SessionSnapshot>(std::move(s))] {
+                  on_snapshot(std::move(*p));
+                });
+              }),
+      reader_(options.session_folder, SessionStore::Access::kReadOnly),
+      loader_(
+          [this](std::int64_t id) {
+            return encode_submap({reader_.read_submap(id), {}, false}, worker_.session_id());
+          },
+          2, 1),
+      control_(endpoint_, "hp2_backend",
+               [this](const control_t& m, bool) { stop_ = stop_ || m.command == control_t::STOP; }),
+      submaps_(endpoint_, {kSubmapTopic, Inbox::Order::kAll, kSubmapsAhead},
+               [this](Delivery d) {
+                 handed_ = d.id + 1;
+                 worker_.add(std::move(d));
+               }),
+      resume_(endpoint_, kResumeTopic, [this](std::int64_t) { return now_.resume; }),
+      graph_(endpoint_, kGraphTopic, [this](std::int64_t) { return now_.graph; }),
+      trajectory_(endpoint_, kTrajectoryTopic, [this](std::int64_t) { return now_.trajectory; }),
+      session_submaps_(endpoint_, kSessionSubmapTopic, [this](std::int64_t id) { return loader_.get(id); }) {
+  endpoint_.set_session(worker_.session_id());
+  submaps_.set_limit(0);
+  for (const char* name : {"submaps_stored", "closures_accepted", "closures_rejected"})
+    endpoint_.counters()[name] = 0;
+  spdlog::info("session {} in {}", worker_.session_id(), options_.session_folder);
+  worker_.write_meta(options_.meta);
+}
+
+void BackendProcess::on_snapshot(SessionSnapshot s) {
+  if (s.rejected) {
+    endpoint_.reject(chunk_channel(kSubmapTopic),
+                     "not a valid submap_t of this session, or not the next one");
+    retry_us_ = bus_.now_us() + kRetryUs;
+    return;
+  }
+  if (!opened_) {
+    submaps_.seek(s.submap_count);
+    handed_ = s.submap_count;
+    opened_ = true;
+  }
+  now_ = std::move(s);
+  for (const auto& closure : now_.new_closures) endpoint_.publish(kClosureChannel, closure);
+  for (const auto& closure : now_.new_closures) {
+    ++endpoint_.counters()[closure.accepted != 0 ? "closures_accepted" : "closures_rejected"];
+  }
+  endpoint_.counters()["submaps_stored"] = now_.submap_count;
+  loader_.set_end(now_.submap_count);
+  submaps_.acknowledge(now_.submap_count, now_.submap_count);
+  resume_.offer(now_.submap_count, now_.submap_count + 1, now_.last_stored);
+  graph_.offer(now_.revision, now_.revision + 1, now_.ended);
+  trajectory_.offer(now_.revision, now_.revision + 1, now_.ended);
+  session_submaps_.offer(0, now_.submap_count, now_.last_stored);
+  publish_correction();
+}
+
+void BackendProcess::watch_submaps() {
+  if (!opened_) return;
+  if (retry_us_ != 0 && bus_.now_us() > retry_us_) {
+    retry_us_ = 0;
+    submaps_.seek(now_.submap_count);
+    handed_ = now_.submap_count;
+  }
+  if (now_.last_stored) return;
+  submaps_.set_limit(now_.submap_count + kSubmapsAhead);
+  const auto& offer = submaps_.last_offer();
+  // The session may end with a submap that did not know that it was the last.
+  if (!finishing_ && offer && offer->ended != 0 && offer->next_id == now_.submap_count &&
+      handed_ == now_.submap_count) {
+    finishing_ = true;
+    worker_.finish();
+  }
+}
+
+void BackendProcess::publish_correction() {
+  last_correction_us_ = bus_.now_us();
+  correction_t m;
+  m.utime = bus_.wall_us();
+  m.session_id = endpoint_.session_id();
+  m.revision = now_.revision;
+  m.map_from_odom = to_message(now_.map_from_odom);
+  endpoint_.publish(kCorrectionChannel, m);
+}
+
+// The session remembers how each process fared, so that a viewer can tell of it afterwards.
+void BackendProcess::keep_statuses(bool now) {
+  if (!opened_ || (!now && bus_.now_us() - last_keep_us_ < kKeepStatusesUs)) return;
+  last_keep_us_ = bus_.now_us();
+  worker_.write_meta(
+      {{"processes", peers_as_json(presence_).dump()}, {"warnings", warnings_as_json(presence_).dump()}});
+}
+
+bool BackendProcess::all_fetched() const {
+  if (!now_.ended) return false;
+  const bool viewer_done = graph_.done_id() >= graph_.next() && trajectory_.done_id() >= trajectory_.next() &&
+                           session_submaps_.done_id() >= session_submaps_.next();
+  const offer_t* frontend = submaps_.offer();
+  return viewer_done && (frontend == nullptr || frontend->first_id == frontend->next_id);
+}
+
+void BackendProcess::report() {
+  Report report;
+  report.done = now_.submap_count;
+  report.state = status_t::RUNNING;
+  if (!opened_) {
+    report.text = "opening the session";
+  } else if (now_.ended) {
+    report.total = now_.submap_count;
+    report.text = "the session is complete; viewers can fetch it";
+  } else if (now_.last_stored || finishing_) {
+    report.text = "finishing the session";
+  } else if (submaps_.offer() == nullptr) {
+    report.state = status_t::WAITING;
+    report.text = "waiting for a front-end (hp2_frontend)";
+  } else {
+    report.text = "closing loops";
+  }
+  presence_.set(report);
+}
+
+bool BackendProcess::tick() {
+  worker_.rethrow_error();
+  endpoint_.poll();
+  watch_submaps();
+  if (opened_ && bus_.now_us() - last_correction_us_ > kCorrectionPeriodUs) publish_correction();
+  keep_statuses(false);
+  report();
+  presence_.poll();
+  const bool stopped = stop_ || stop_signals() > 0;
+  if (!stopped && !(options_.exit_when_done && all_fetched())) return true;
+  exit_status_ = now_.ended || stop_ ? 0 : 130;
+  Report last = presence_.report();
+  last.state = status_t::FINISHED;
+  last.text = now_.ended ? "finished" : "stopped; the session can be taken up again";
+  presence_.set(last);
+  keep_statuses(true);
+  return false;
+}
+
+}  // namespace hp2

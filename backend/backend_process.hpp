@@ -1,0 +1,61 @@
+// The back-end on the bus: submaps in, graph and trajectory out, the session on disk.
+#pragma once
+#include <cstdint>
+#include <map>
+#include <string>
+
+#include "backend/session_worker.hpp"
+#include "common/transport/inbox.hpp"
+#include "common/transport/lcm_bus.hpp"
+#include "common/transport/message_loader.hpp"
+#include "common/transport/outbox.hpp"
+#include "common/transport/presence.hpp"
+#include "common/transport/process.hpp"
+
+namespace hp2 {
+
+/// How the back-end behaves on the bus.
+struct BackendProcessOptions {
+  std::string session_folder;
+  bool exit_when_done = false;  ///< End once the session is complete and a viewer has fetched all of it.
+  std::map<std::string, std::string> meta;  ///< Texts to keep in the session.
+};
+
+/// One run of hp2_backend.
+class BackendProcess {
+ public:
+  /// @throws Error if the session cannot be opened
+  BackendProcess(LcmBus& bus, const BackendConfig& config, const BackendProcessOptions& options);
+
+  /// To be called every few milliseconds.
+  /// @return false after a stop, or when done (see BackendProcessOptions::exit_when_done)
+  /// @throws Error if the session cannot be written
+  bool tick();
+  int exit_status() const { return exit_status_; }
+
+ private:
+  void on_snapshot(SessionSnapshot snapshot);
+  void watch_submaps();
+  void publish_correction();
+  void keep_statuses(bool now);
+  bool all_fetched() const;
+  void report();
+
+  LcmBus& bus_;
+  BackendProcessOptions options_;
+  Endpoint endpoint_;
+  Presence presence_;
+  SessionWorker worker_;
+  SessionStore reader_;  // read by loader_'s thread alone
+  MessageLoader loader_;
+  ControlListener control_;
+  Inbox submaps_;
+  Outbox resume_, graph_, trajectory_, session_submaps_;
+  SessionSnapshot now_;
+  bool opened_ = false, stop_ = false, finishing_ = false;
+  std::int64_t handed_ = 0;  // submaps handed to the worker
+  std::int64_t last_correction_us_ = 0, retry_us_ = 0, last_keep_us_ = 0;
+  int exit_status_ = 0;
+};
+
+}  // namespace hp2

@@ -1,0 +1,74 @@
+// The back-end's work off the bus's thread: submaps go into the session one after another, and each leaves a
+// snapshot of everything that the others may ask for.
+#pragma once
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "backend/backend.hpp"
+#include "common/transport/inbox.hpp"
+#include "common/transport/outbox.hpp"
+
+namespace hp2 {
+
+/// The session after a change, encoded.
+struct SessionSnapshot {
+  std::int64_t submap_count = 0;
+  std::int64_t next_sequence = 0;  ///< First scan that is in no stored submap.
+  std::int64_t revision = 0;
+  bool last_stored = false;  ///< No submap will follow.
+  bool ended = false;        ///< Refined, too.
+  bool rejected = false;     ///< The submap's bytes made no sense; nothing changed.
+  EncodedMessagePtr resume, graph, trajectory;
+  Pose map_from_odom;
+  std::vector<closure_t> new_closures;
+};
+
+/// Owns the session. Snapshots are handed to `sink` from its thread, the first one right after the start.
+class SessionWorker {
+ public:
+  /// @throws Error if the session cannot be opened
+  SessionWorker(const std::string& folder, const BackendConfig& config,
+                std::function<void(SessionSnapshot)> sink);
+  ~SessionWorker();
+  SessionWorker(const SessionWorker&) = delete;
+  SessionWorker& operator=(const SessionWorker&) = delete;
+
+  std::int64_t session_id() const { return session_id_; }
+  /// An encoded submap, to be stored next.
+  void add(Delivery submap);
+  /// No submap will follow: optimise and refine the whole.
+  void finish();
+  /// Keeps small texts in the session (see SessionStore::write_meta).
+  void write_meta(std::map<std::string, std::string> values);
+  /// Throws what went wrong in the thread (disk full, a session that cannot be written), if something did.
+  void rethrow_error();
+
+ private:
+  void work();
+  bool store(const Delivery& delivery);
+  SessionSnapshot snapshot();
+
+  SessionStore store_;
+  Backend backend_;
+  const std::int64_t session_id_;
+  std::function<void(SessionSnapshot)> sink_;
+  std::size_t closures_told_ = 0;
+
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::deque<std::function<bool()>> jobs_;  // return whether the session changed
+  std::exception_ptr error_;
+  bool stop_ = false;
+  std::thread thread_;
+};
+
+}  // namespace hp2

@@ -1,0 +1,16 @@
+// What the processes said of themselves, as JSON for summaries.
+#pragma once
+#include <nlohmann/json.hpp>
+
+#include "common/transport/presence.hpp"
+
+namespace hp2 {
+
+/// One object a process name, from the last STATUS of each process of this session, this one included:
+/// "version", "host", "pid", "peak_memory_mb", "state", "text", "counters". Of a process that was restarted,
+/// "restarts" says how often; counters are added up and the largest peak memory is taken.
+nlohmann::ordered_json peers_as_json(const Presence& presence);
+/// All remarks on the data, as an array of strings.
+nlohmann::ordered_json warnings_as_json(const Presence& presence);
+
+}  // namespace hp2

@@ -1,0 +1,100 @@
+// The front-end's work off the bus's thread: one thread decodes scans, the next registers them, the last
+// makes finished submaps ready to be sent.
+#pragma once
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "common/transport/inbox.hpp"
+#include "common/transport/outbox.hpp"
+#include "frontend/frontend.hpp"
+
+namespace hp2 {
+
+/// A scan on its way to registration: encoded, or decoded already.
+struct ScanJob {
+  std::int64_t sequence = 0;
+  std::shared_ptr<MessageBytes> bytes;
+  std::optional<Scan> scan;
+  bool final = false;  ///< The session ends with this scan.
+};
+
+/// A finished submap, ready to be sent.
+struct SubmapOut {
+  std::int64_t id = 0;
+  std::int64_t next_sequence = 0;  ///< First scan after it.
+  EncodedMessagePtr message;
+};
+
+/// What happened to one job.
+struct RegistrationEvent {
+  std::int64_t generation = 0;             ///< As begin() returned it.
+  std::int64_t sequence = -1;              ///< The scan; -1: none (end of session).
+  bool rejected = false;                   ///< The scan's bytes made no sense.
+  std::optional<OdometryResult> odometry;  ///< If it was registered.
+  std::vector<SubmapOut> submaps;          ///< That it finished.
+  std::vector<std::string> warnings;
+  bool ended = false;  ///< The session's last submap is among `submaps`, or there was nothing left to cut.
+};
+
+/// Runs a Frontend in order. Events are handed to `sink` from its threads.
+class RegistrationWorker {
+ public:
+  RegistrationWorker(const FrontendConfig& config, int threads, std::function<void(RegistrationEvent)> sink);
+  ~RegistrationWorker();
+  RegistrationWorker(const RegistrationWorker&) = delete;
+  RegistrationWorker& operator=(const RegistrationWorker&) = delete;
+
+  /// Begins a session, or takes one up: forgets all jobs, waits for the one under way and goes on from
+  /// `state` (empty: anew).
+  /// @return a number that marks all events from now on
+  /// @throws Error if the state does not fit
+  std::int64_t begin(std::int64_t session_id, const std::vector<std::uint8_t>& state);
+  void add(ScanJob job);
+  /// Cuts the open submap and ends the session, after all jobs given so far.
+  void finish();
+  /// Lets jobs wait.
+  void pause(bool paused);
+
+ private:
+  struct Job {
+    ScanJob scan;
+    bool finish = false;
+    bool decoded = false;
+  };
+  /// A finished submap on its way out, or the end of the session.
+  struct Parcel {
+    std::int64_t generation = 0;
+    std::optional<Submap> submap;
+    std::vector<std::uint8_t> state;
+    bool last = false, ended = false;
+  };
+  void decode_loop();
+  void register_loop();
+  void pack_loop();
+  RegistrationEvent run(Job job, std::vector<Parcel>& parcels);
+  RegistrationEvent pack(Parcel parcel) const;
+
+  const FrontendConfig config_;
+  const int threads_;
+  std::function<void(RegistrationEvent)> sink_;
+  std::unique_ptr<Frontend> frontend_;
+  std::int64_t session_id_ = 0;
+
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::deque<Job> jobs_;  // in order; decoded ones may be registered
+  std::deque<Parcel> parcels_;
+  bool paused_ = false, stop_ = false, registering_ = false;
+  std::int64_t generation_ = 0;
+  std::thread decoder_, registrar_, packer_;
+};
+
+}  // namespace hp2

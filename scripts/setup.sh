@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Installs what is missing (Debian packages only) and builds everything into build/.
+#   scripts/setup.sh [--build DIR] [-DOPTION=VALUE ...]      e.g. -DHP2_NATIVE=ON
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+build=build
+options=()
+while [ $# -gt 0 ]; do
+  case $1 in
+    --build) build=${2:?--build needs a folder} && shift 2 ;;
+    -D*) options+=("$1") && shift ;;
+    -h | --help) sed -n '2,3s/^# \{0,1\}//p' "$0" && exit 0 ;;
+    *) echo "setup.sh: unknown option $1" >&2 && exit 2 ;;
+  esac
+done
+
+packages=(build-essential cmake ninja-build liblcm-dev liblcm-bin libeigen3-dev libopencv-dev libceres-dev
+  libspdlog-dev libgtest-dev libgmock-dev libtbb-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev
+  sqlite3 libbenchmark-dev librobin-map-dev iproute2)
+missing=()
+for package in "${packages[@]}"; do
+  dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$package")
+done
+if [ ${#missing[@]} -gt 0 ]; then
+  command=(apt-get install -y --no-install-recommends "${missing[@]}")
+  if [ "$(id -u)" -ne 0 ]; then
+    echo "setup.sh: packages are missing. Install them, then run this again:" >&2
+    echo "  sudo apt-get update && sudo ${command[*]}" >&2
+    exit 1
+  fi
+  apt-get update
+  DEBIAN_FRONTEND=noninteractive "${command[@]}"
+fi
+
+cmake -S . -B "$build" -G Ninja ${options[@]+"${options[@]}"}
+cmake --build "$build" --parallel "$(nproc)"

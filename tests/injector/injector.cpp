@@ -1,0 +1,206 @@
+// A stand-alone sensor driver: knows LCM and the message types, nothing else of this project. Publishes scans
+// that it makes up (or reads from .bin files) and prints the poses that come back.
+//   injector [--url URL] [--scans N] [--rate HZ] [--points N] [--chunks] [--quiet] [FILE.bin ...]
+// Without files it drives 0.5 m a scan along a street with houses, posts and a wall across its end. A scan
+// that is small goes out whole on HP2_SCAN, a large one (or every one, with --chunks) in pieces on
+// HP2_CHUNK_SCAN.
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <hp2/chunk_t.hpp>
+#include <hp2/odometry_t.hpp>
+#include <hp2/scan_t.hpp>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <lcm/lcm-cpp.hpp>
+
+namespace {
+
+struct Options {
+  std::string url = "udpm://239.255.76.67:7667?ttl=0";
+  int scans = 100;
+  double rate_hz = 10.0;
+  int points = 6000;
+  bool chunks = false, quiet = false;
+  std::vector<std::string> files;
+};
+
+// Distance from `origin` along `direction` to the nearest surface of the street: ground 1.7 m below the
+// sensor, houses at both sides with gaps between them, round posts every 15 m, and a wall across the street's
+// end at 120 m.
+double cast(const double (&o)[3], const double (&d)[3]) {
+  double nearest = 1e9;
+  const auto hit = [&nearest](double t) {
+    if (t > 0.5 && t < nearest) nearest = t;
+  };
+  if (d[2] < 0) hit((-1.7 - o[2]) / d[2]);
+  for (const double side : {-9.0, 11.0}) {
+    const double t = (side - o[1]) / d[1];
+    const double x = o[0] + t * d[0], z = o[2] + t * d[2];
+    if (t > 0 && std::fmod(std::abs(x) + side * side, 23.0) < 16.0 && z < 8.0) hit(t);
+  }
+  const double end = (120.0 - o[0]) / d[0];
+  if (end > 0 && o[2] + end * d[2] < 12.0) hit(end);
+  for (int k = -2; k < 8; ++k) {
+    const double px = 15.0 * k - o[0], py = (k % 2 == 0 ? 5.0 : -5.0) - o[1], r = 0.2;
+    const double a = d[0] * d[0] + d[1] * d[1], b = d[0] * px + d[1] * py, c = px * px + py * py - r * r;
+    const double disc = b * b - a * c;
+    if (disc > 0) hit((b - std::sqrt(disc)) / a);
+  }
+  return nearest;
+}
+
+hp2::scan_t make_scan(int index, const Options& options) {
+  static std::mt19937 rng(1);
+  std::normal_distribution<double> noise(0.0, 0.01);
+  hp2::scan_t scan;
+  const double step_m = 0.5;
+  for (int i = 0; i < options.points; ++i) {
+    const double s = (i + 0.5) / options.points;  // one turn of the sensor a sweep, 16 beams interleaved
+    const double azimuth = -2.0 * M_PI * s, elevation = (-15.0 + 2.0 * (i % 16)) * M_PI / 180.0;
+    const double direction[3] = {std::cos(elevation) * std::cos(azimuth),
+                                 std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
+    const double origin[3] = {step_m * (index - 1 + s), 0.0, 0.0};
+    const double range = cast(origin, direction) + noise(rng);
+    if (range > 80.0) continue;
+    scan.x.push_back(static_cast<float>(range * direction[0]));
+    scan.y.push_back(static_cast<float>(range * direction[1]));
+    scan.z.push_back(static_cast<float>(range * direction[2]));
+    scan.time.push_back(static_cast<float>(s));
+  }
+  scan.n = static_cast<std::int32_t>(scan.x.size());
+  scan.n_time = scan.n;
+  scan.n_intensity = 0;
+  scan.duration = 100000;
+  return scan;
+}
+
+hp2::scan_t read_scan(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::vector<char> bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  hp2::scan_t scan;
+  for (std::size_t at = 0; at + 16 <= bytes.size(); at += 16) {
+    float p[4];
+    std::memcpy(p, bytes.data() + at, 16);
+    scan.x.push_back(p[0]);
+    scan.y.push_back(p[1]);
+    scan.z.push_back(p[2]);
+    scan.intensity.push_back(p[3]);
+  }
+  scan.n = scan.n_intensity = static_cast<std::int32_t>(scan.x.size());
+  scan.n_time = 0;
+  scan.duration = 0;
+  return scan;
+}
+
+// CRC-32 as in zlib and PNG, bit by bit.
+std::uint32_t crc32(const std::vector<std::uint8_t>& bytes) {
+  std::uint32_t crc = 0xFFFFFFFFU;
+  for (const auto byte : bytes) {
+    crc ^= byte;
+    for (int k = 0; k < 8; ++k) crc = (crc >> 1U) ^ ((crc & 1U) != 0 ? 0xEDB88320U : 0U);
+  }
+  return ~crc;
+}
+
+void publish(lcm::LCM& lcm, const hp2::scan_t& scan, std::int64_t sender, bool chunks) {
+  constexpr std::size_t kPiece = 60000;
+  const auto size = static_cast<std::size_t>(scan.getEncodedSize());
+  if (!chunks && size <= kPiece) {
+    lcm.publish("HP2_SCAN", &scan);
+    return;
+  }
+  std::vector<std::uint8_t> bytes(size);
+  scan.encode(bytes.data(), 0, static_cast<int>(size));
+  hp2::chunk_t chunk;
+  chunk.session_id = 0;
+  chunk.sender_id = sender;
+  chunk.message_id = scan.sequence;
+  chunk.count = static_cast<std::int32_t>((size + kPiece - 1) / kPiece);
+  chunk.total_size = static_cast<std::int32_t>(size);
+  chunk.crc32 = static_cast<std::int32_t>(crc32(bytes));
+  for (chunk.index = 0; chunk.index < chunk.count; ++chunk.index) {
+    const std::size_t begin = static_cast<std::size_t>(chunk.index) * kPiece;
+    const std::size_t end = std::min(size, begin + kPiece);
+    chunk.offset = static_cast<std::int32_t>(begin);
+    chunk.size = static_cast<std::int32_t>(end - begin);
+    chunk.data.assign(bytes.begin() + static_cast<std::ptrdiff_t>(begin),
+                      bytes.begin() + static_cast<std::ptrdiff_t>(end));
+    lcm.publish("HP2_CHUNK_SCAN", &chunk);
+    std::this_thread::sleep_for(std::chrono::microseconds(300));
+  }
+}
+
+struct Listener {
+  bool quiet = false;
+  int poses = 0;
+  void on_odometry(const lcm::ReceiveBuffer*, const std::string&, const hp2::odometry_t* m) {
+    ++poses;
+    const double* t = m->odom_from_sensor.translation;
+    if (!quiet)
+      std::printf("scan %ld at %.3f %.3f %.3f, state %d\n", static_cast<long>(m->sequence), t[0], t[1], t[2],
+                  m->state);
+    if (!quiet) std::fflush(stdout);
+  }
+};
+
+Options parse(int argc, char** argv) {
+  Options o;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const auto value = [&] { return std::string(i + 1 < argc ? argv[++i] : ""); };
+    if (word == "--url")
+      o.url = value();
+    else if (word == "--scans")
+      o.scans = std::atoi(value().c_str());
+    else if (word == "--rate")
+      o.rate_hz = std::atof(value().c_str());
+    else if (word == "--points")
+      o.points = std::atoi(value().c_str());
+    else if (word == "--chunks")
+      o.chunks = true;
+    else if (word == "--quiet")
+      o.quiet = true;
+    else
+      o.files.push_back(word);
+  }
+  if (!o.files.empty()) o.scans = static_cast<int>(o.files.size());
+  return o;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const Options options = parse(argc, argv);
+  lcm::LCM lcm(options.url);
+  if (!lcm.good()) return 1;
+  Listener listener;
+  listener.quiet = options.quiet;
+  if (lcm.subscribe("HP2_ODOMETRY", &Listener::on_odometry, &listener) == nullptr) return 1;
+  const auto sender = static_cast<std::int64_t>(std::random_device{}()) + 1;
+  const auto start = std::chrono::steady_clock::now();
+  const std::int64_t epoch_us = std::chrono::duration_cast<std::chrono::microseconds>(
+                                    std::chrono::system_clock::now().time_since_epoch())
+                                    .count();
+  for (int i = 0; i < options.scans; ++i) {
+    hp2::scan_t scan =
+        options.files.empty() ? make_scan(i, options) : read_scan(options.files[static_cast<std::size_t>(i)]);
+    scan.utime = epoch_us + 100000LL * i;
+    scan.sensor = "injector";
+    scan.sequence = i;
+    scan.session_id = 0;
+    publish(lcm, scan, sender, options.chunks);
+    const auto next = start + std::chrono::duration<double>((i + 1) / options.rate_hz);
+    while (std::chrono::steady_clock::now() < next) lcm.handleTimeout(1);
+  }
+  for (int i = 0; i < 100 && listener.poses < options.scans; ++i) lcm.handleTimeout(20);
+  std::printf("%d scans sent, %d poses received\n", options.scans, listener.poses);
+  return listener.poses > 0 ? 0 : 1;
+}

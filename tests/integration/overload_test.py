@@ -1,0 +1,85 @@
+"""Real time at 10 times the sustainable rate: memory stays, every scan that was played is registered or counted as
+skipped."""
+import array
+
+from harness import *
+
+SECONDS = int(os.environ.get("HP2_OVERLOAD_SECONDS", "60"))
+PLACES = 50
+
+
+def make_scan(offset_m):
+    """A room of 40 x 16 m with a post, seen from `offset_m` along it: about 11,000 points."""
+    values = array.array("f")
+    for ring in range(24):
+        slope = math.tan(math.radians(-20 + 1.5 * ring))
+        for k in range(450):
+            angle = 2 * math.pi * (k + 0.37 * ring) / 450
+            c, s = math.cos(angle), math.sin(angle)
+            reach = min((20 - offset_m) / c if c > 0 else (-20 - offset_m) / c, 8 / abs(s) if s else 1e9)
+            reach = min(reach, 1.5 / -slope if slope < 0 else 1e9)
+            b, d = c * (3 - offset_m) + s * 2, (3 - offset_m) ** 2 + 4 - 0.09
+            if b > 0 and b * b > d:
+                reach = min(reach, b - math.sqrt(b * b - d))
+            values.extend((reach * c, reach * s, reach * slope, 0.5))
+    return values.tobytes()
+
+
+def make_drive(folder, scans):
+    """The same 50 places to and fro, by links."""
+    (folder / "velodyne").mkdir(parents=True)
+    for k in range(PLACES):
+        (folder / f"place{k}.bin").write_bytes(make_scan(0.05 * k))
+    for i in range(scans):
+        k = i % (2 * PLACES - 2)
+        os.symlink(folder / f"place{min(k, 2 * PLACES - 2 - k)}.bin", folder / "velodyne" / f"{i:06d}.bin")
+    (folder / "times.txt").write_text("".join(f"{0.1 * i:.1f}\n" for i in range(scans)))
+
+
+def memory_mb(process):
+    for line in pathlib.Path(f"/proc/{process.pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    return 0.0
+
+
+def test():
+    with Run() as calm, Run() as run:
+        make_drive(calm.folder / "drive", 1000)
+        odometry = Odometry()
+        calm.backend()
+        calm.viewer()
+        calm.frontend()
+        calm.player(calm.folder / "drive")
+        odometry.wait_for(100, 60)
+        t0, n0 = time.monotonic(), odometry.sequence
+        odometry.wait_for(990, 120)
+        sustainable = (odometry.sequence - n0) / (time.monotonic() - t0)
+        calm.wait(60)
+
+        rate = 10 * sustainable / 10.0  # the drive was recorded at 10 Hz
+        scans = int(10 * rate * SECONDS)
+        print(f"sustainable: {sustainable:.0f} scans/s; playing {scans} scans at {rate:.0f} x real time")
+        make_drive(run.folder / "drive", scans)
+        run.backend()
+        run.viewer()
+        frontend = run.frontend()
+        player = run.player(run.folder / "drive", "--rate", rate)
+        run.wait_for_log("frontend", "registering", 60)
+        time.sleep(SECONDS / 3)
+        early = memory_mb(frontend), memory_mb(player)
+        time.sleep(SECONDS / 2)
+        late = memory_mb(frontend), memory_mb(player)
+        run.wait(SECONDS + 60)
+        for name, a, b in zip(("front-end", "player"), early, late):
+            print(f"{name}: {a:.0f} MB early, {b:.0f} MB late")
+            expect(b < a + 30, f"the {name} grows")
+        counters = run.summary()["processes"]["hp2_frontend"]["counters"]
+        registered, skipped = counters["scans_registered"], counters["scans_skipped"]
+        print(f"{scans} played = {registered} registered + {skipped} skipped")
+        expect(registered + skipped == scans, "played is not registered + skipped")
+        expect(skipped > scans / 2, "hardly a scan was skipped: this was no overload")
+        check_complete(run, registered)
+
+
+main(test)
