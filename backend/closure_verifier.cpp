@@ -8,6 +8,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "frontend/registration.hpp"
+#include "frontend/submap_builder.hpp"
 
 namespace hp2 {
 namespace {
@@ -152,11 +153,22 @@ double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose&
 
 }  // namespace
 
+// Another front-end may send no normals.
+namespace {
+std::vector<Eigen::Vector3f> normals_of(const Submap& submap) {
+  if (submap.normals.size() == submap.points.size()) return submap.normals;
+  Submap copy;
+  copy.points = submap.points;
+  estimate_normals(copy);
+  return copy.normals;
+}
+}  // namespace
+
 CheckedSubmap::CheckedSubmap(const Submap& submap, const GroundAlignment& ground_alignment)
     : id(submap.id),
       ground(ground_alignment),
       points(submap.points),
-      cloud(submap.points, submap.normals, ground_alignment.ground_from_submap) {
+      cloud(submap.points, normals_of(submap), ground_alignment.ground_from_submap) {
   path.emplace_back(0.0, 0.0, 0.0);
   for (const ScanPose& s : submap.scans) {
     if ((s.submap_from_sensor.translation - path.back()).norm() > 0.5)

@@ -12,6 +12,9 @@ namespace {
 constexpr std::size_t kKeptSubmaps = 8;
 constexpr int kEnoughClosures = 2;  // a submap that has so many needs no further ones
 constexpr int kFurtherPairs = 2;    // checked after a correction, a submap
+constexpr std::int64_t kLookBack =
+    20;  // submaps that a correction gives another chance at once; all get one at the end
+constexpr double kNews_m = 0.1, kNews_rad = 0.005;
 constexpr int kMaxChecksAPair = 2;
 constexpr double kTriedAlready_m = 1.0, kTriedAlready_rad = 0.05;
 // How far the registration may end from where it began. An image's cells and matches are coarser than a
@@ -31,6 +34,20 @@ bool tried(const std::vector<ClosureRecord>& closures, std::int64_t from, std::i
     ++checks;
   }
   return checks >= kMaxChecksAPair;
+}
+
+// True if an accepted closure among those from `first` on tells the graph something new. On a street that was
+// closed before most do not; they count at the next correction, and at the end.
+bool graph_is_off(const GraphState& graph, std::size_t first) {
+  for (std::size_t i = first; i < graph.closures.size(); ++i) {
+    const ClosureRecord& c = graph.closures[i];
+    if (!c.accepted) continue;
+    const EdgeGap gap = edge_gap(graph.map_from_submap,
+                                 {static_cast<std::size_t>(c.from_submap),
+                                  static_cast<std::size_t>(c.to_submap), c.from_from_to, c.information});
+    if (gap.translation_m > kNews_m || gap.rotation_rad > kNews_rad) return true;
+  }
+  return false;
 }
 
 int closures_of(const std::vector<ClosureRecord>& closures, std::int64_t to) {
@@ -126,6 +143,7 @@ bool LoopCloser::close(const Submap& newest, const Features& features, const Pla
   recent_.push_front(std::make_shared<CheckedSubmap>(newest, index.places().back().ground));
   if (recent_.size() > kKeptSubmaps) recent_.pop_back();
   const std::int64_t to = newest.id;
+  const std::size_t first_new = graph.closures.size();
   int budget = config_.candidates_per_submap, accepted = 0;
   const auto distances = graph_distances(index.places(), graph.closures, to);
   for (const Candidate& c : index.alike(features)) {
@@ -133,15 +151,16 @@ bool LoopCloser::close(const Submap& newest, const Features& features, const Pla
     accepted += check(to, c, index, distances, graph, changed, budget);
   }
   if (config_.graph_candidates) check_further(to, index, budget, graph, changed, accepted);
-  if (accepted == 0) return false;
+  if (accepted == 0 || !graph_is_off(graph, first_new)) return false;
   correct(odometry, graph, changed);
 
   // The corrected graph may show that submaps before this one came back as well: one that was too far off
   // then.
   int further = config_.graph_candidates ? kFurtherPairs : 0, more = 0;
-  for (std::int64_t k = to; k >= 0 && further > 0; --k)
+  for (std::int64_t k = to; k >= std::max<std::int64_t>(0, to - kLookBack) && further > 0; --k) {
     further -= check_further(k, index, further, graph, changed, more);
-  if (more > 0) correct(odometry, graph, changed);
+  }
+  if (more > 0 && graph_is_off(graph, first_new)) correct(odometry, graph, changed);
   return true;
 }
 

@@ -74,7 +74,7 @@ Alignment2d align_2d(const std::vector<PointPair>& pairs, double inlier_m, int m
   const bool exhaustive = all <= kMaxTrials;
   std::vector<std::size_t> best;
   std::size_t a = 0, b = 0;
-  const std::size_t trials = exhaustive ? all : kMaxTrials;
+  std::size_t trials = exhaustive ? all : kMaxTrials;
   for (std::size_t trial = 0; trial < trials; ++trial) {
     if (exhaustive) {
       if (++b >= n) b = ++a + 1;
@@ -87,7 +87,12 @@ Alignment2d align_2d(const std::vector<PointPair>& pairs, double inlier_m, int m
     const Eigen::Vector2d dq = pairs[b].query - pairs[a].query, dr = pairs[b].reference - pairs[a].reference;
     if (dq.norm() < kMinBaseline * inlier_m || std::abs(dq.norm() - dr.norm()) > 2.0 * inlier_m) continue;
     const auto inliers = inliers_of(pairs, fit(pairs, {a, b}), inlier_m);
-    if (inliers.size() > best.size()) best = inliers;
+    if (inliers.size() <= best.size()) continue;
+    best = inliers;
+    // Enough trials to have drawn two good matches at once, but for one case in 10,000.
+    const double share = static_cast<double>(best.size()) / static_cast<double>(n);
+    const double needed = std::log(1e-4) / std::log(std::max(1e-12, 1.0 - share * share));
+    if (!exhaustive) trials = std::min(trials, trial + 1 + static_cast<std::size_t>(needed));
   }
   if (best.size() < 2) return {};
   Alignment2d result;
