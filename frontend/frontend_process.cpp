@@ -48,6 +48,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
   for (const char* name : {"scans_registered", "scans_skipped", "submaps_cut"})
     endpoint_.counters()[name] = 0;
   scans_.set_limit(kNothing);
+  scans_.set_silent(true);
   scans_.on_unasked([this](const Delivery& d) { live_.take(d.bytes->data.get(), d.bytes->size); });
   if (options_.standalone) {
     endpoint_.set_session(random_id());
@@ -89,6 +90,7 @@ void FrontendProcess::on_resume(const Delivery& delivery) {
     next_submap_ = m.next_submap_id;
     submaps_.offer(next_submap_, next_submap_, true);
     state_ = State::kOver;
+    scans_.set_silent(false);
     return;
   }
   begin(m.next_submap_id, m.next_sequence, m.state);
@@ -104,6 +106,8 @@ void FrontendProcess::begin(std::int64_t next_submap, std::int64_t next_sequence
   last_given_ = next_sequence - 1;
   behind_since_us_ = 0;
   scans_.seek(next_sequence);
+  scans_.acknowledge(next_sequence, next_sequence);
+  scans_.set_silent(false);
   live_.set_next_sequence(next_sequence);
   submaps_.offer(next_submap_, next_submap_, false);
   state_ = State::kRunning;
@@ -133,6 +137,7 @@ void FrontendProcess::skip_to_newest() {
 
 void FrontendProcess::feed_live() {
   live_.allow(scans_.offer() == nullptr || scans_.offer()->next_id == 0);
+  if (!live_.active()) live_.set_next_sequence(last_given_ + 1);
   while (!live_.empty() && in_worker_ < kInWorker / 2) {
     auto scan = live_.pop();
     if (scan->sequence <= last_given_) continue;

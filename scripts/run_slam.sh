@@ -202,9 +202,8 @@ while :; do
       # Its drive cannot be read further: keep what was registered.
       if alive frontend; then
         kill -TERM "${pid[frontend]}"
-        wait "${pid[frontend]}" || :
+        if wait "${pid[frontend]}" && alive viewer; then wait "${pid[viewer]}" || :; fi
       fi
-      if alive viewer; then wait "${pid[viewer]}" || :; fi
     fi
     fail "$name" "$status"
   done

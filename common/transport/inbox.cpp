@@ -251,7 +251,7 @@ void Inbox::find_lost() {
 
 void Inbox::pump() {
   const offer_t* owner = offer();
-  if (owner == nullptr) return;
+  if (owner == nullptr || silent_) return;
   find_lost();
   std::int64_t end = std::min({owner->next_id, limit_, next_ + options_.prefetch});
   if (options_.order == Order::kLatest) end = std::min(end, next_ + 1);
@@ -291,7 +291,7 @@ void Inbox::send_fetch(std::int64_t message_id, std::vector<std::int32_t> indice
 
 void Inbox::poll() {
   if (!unasked_.empty()) release_unasked();
-  if (offer() == nullptr) return;
+  if (offer() == nullptr || silent_) return;
   pump();
   if (acknowledge_now_ && endpoint_.bus().now_us() - last_fetch_us_ > kAcknowledgePeriodUs) send_fetch(0, {});
 }

@@ -55,6 +55,8 @@ class Inbox {
   /// message to be delivered.
   void seek(std::int64_t id);
   std::int64_t next_delivery() const { return next_; }
+  /// Asks for nothing and acknowledges nothing, but hears offers: its owner shall not count on this reader yet.
+  void set_silent(bool silent) { silent_ = silent; }
   /// Fetch only messages before `id`: the consumer has no room for more.
   void set_limit(std::int64_t id);
   /// All messages before `wanted` were used, all before `done` are safe for good. Told to the owner.
@@ -117,7 +119,7 @@ class Inbox {
   std::map<std::pair<std::int64_t, std::int64_t>, Assembly> unasked_;  // by (sender, message)
   std::int64_t next_ = 0, limit_ = std::int64_t{1} << 62, wanted_ = 0, done_ = 0;
   std::int64_t asks_ = 0, last_fetch_us_ = 0;
-  bool acknowledge_now_ = false;
+  bool acknowledge_now_ = false, silent_ = false;
 };
 
 }  // namespace hp2

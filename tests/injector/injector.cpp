@@ -1,9 +1,10 @@
 // A stand-alone sensor driver: knows LCM and the message types, nothing else of this project. Publishes scans
 // that it makes up (or reads from .bin files) and prints the poses that come back.
 //   injector [--url URL] [--scans N] [--rate HZ] [--points N] [--chunks] [--quiet] [FILE.bin ...]
-// Without files it drives 0.5 m a scan along a street with houses, posts and a wall across its end. A scan
-// that is small goes out whole on HP2_SCAN, a large one (or every one, with --chunks) in pieces on
-// HP2_CHUNK_SCAN.
+// Without files it drives along a street, faster and faster up to 0.5 m a scan, with houses, posts and a wall
+// across its end. A scan that is small goes out whole on HP2_SCAN, a large one (or every one, with --chunks)
+// in pieces on HP2_CHUNK_SCAN.
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -41,15 +42,22 @@ double cast(const double (&o)[3], const double (&d)[3]) {
     if (t > 0.5 && t < nearest) nearest = t;
   };
   if (d[2] < 0) hit((-1.7 - o[2]) / d[2]);
-  for (const double side : {-9.0, 11.0}) {
-    const double t = (side - o[1]) / d[1];
-    const double x = o[0] + t * d[0], z = o[2] + t * d[2];
-    if (t > 0 && std::fmod(std::abs(x) + side * side, 23.0) < 16.0 && z < 8.0) hit(t);
+  for (int house = -8; house < 16; ++house) {  // each a box, 10 m along the street
+    for (const double side : {-1.0, 1.0}) {
+      const double front = side * (8.0 + 1.5 * ((house * 7 + (side > 0 ? 3 : 0)) % 3));
+      const double along[2] = {10.0 * house + 2.0, 10.0 * house + 9.0};
+      const double t = (front - o[1]) / d[1], x = o[0] + t * d[0];
+      if (t > 0 && x > along[0] && x < along[1] && o[2] + t * d[2] < 6.0) hit(t);
+      for (const double wall : along) {
+        const double u = (wall - o[0]) / d[0], y = (o[1] + u * d[1]) * side;
+        if (u > 0 && y > front * side && y < 20.0 && o[2] + u * d[2] < 6.0) hit(u);
+      }
+    }
   }
   const double end = (120.0 - o[0]) / d[0];
   if (end > 0 && o[2] + end * d[2] < 12.0) hit(end);
-  for (int k = -2; k < 8; ++k) {
-    const double px = 15.0 * k - o[0], py = (k % 2 == 0 ? 5.0 : -5.0) - o[1], r = 0.2;
+  for (int k = -8; k < 16; ++k) {
+    const double px = 7.0 * k - o[0], py = (k % 2 == 0 ? 5.0 : -5.0) - o[1], r = 0.2;
     const double a = d[0] * d[0] + d[1] * d[1], b = d[0] * px + d[1] * py, c = px * px + py * py - r * r;
     const double disc = b * b - a * c;
     if (disc > 0) hit((b - std::sqrt(disc)) / a);
@@ -57,17 +65,22 @@ double cast(const double (&o)[3], const double (&d)[3]) {
   return nearest;
 }
 
+// Metres driven at the end of scan `index`: 0.02 m more each scan, until it is 0.5 m a scan.
+double position(int index) {
+  const double n = std::max(0, index), ramp = std::min(n, 25.0);
+  return 0.01 * ramp * ramp + 0.5 * (n - ramp);
+}
+
 hp2::scan_t make_scan(int index, const Options& options) {
   static std::mt19937 rng(1);
   std::normal_distribution<double> noise(0.0, 0.01);
   hp2::scan_t scan;
-  const double step_m = 0.5;
   for (int i = 0; i < options.points; ++i) {
     const double s = (i + 0.5) / options.points;  // one turn of the sensor a sweep, 16 beams interleaved
     const double azimuth = -2.0 * M_PI * s, elevation = (-15.0 + 2.0 * (i % 16)) * M_PI / 180.0;
     const double direction[3] = {std::cos(elevation) * std::cos(azimuth),
                                  std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
-    const double origin[3] = {step_m * (index - 1 + s), 0.0, 0.0};
+    const double origin[3] = {position(index - 1) + s * (position(index) - position(index - 1)), 0.0, 0.0};
     const double range = cast(origin, direction) + noise(rng);
     if (range > 80.0) continue;
     scan.x.push_back(static_cast<float>(range * direction[0]));
@@ -201,6 +214,7 @@ int main(int argc, char** argv) {
     while (std::chrono::steady_clock::now() < next) lcm.handleTimeout(1);
   }
   for (int i = 0; i < 100 && listener.poses < options.scans; ++i) lcm.handleTimeout(20);
-  std::printf("%d scans sent, %d poses received\n", options.scans, listener.poses);
+  std::printf("%d scans sent, %d poses received, %.3f m driven\n", options.scans, listener.poses,
+              position(options.scans - 1));
   return listener.poses > 0 ? 0 : 1;
 }

@@ -44,7 +44,7 @@ def test():
         refused(["voxel_sise_m", "frontend.voxel_size_m", "line 2"], "synthetic:tiny", "--out", out, "--config", config)
         refused(["--rate", "fast"], "synthetic:tiny", "--out", out, "--rate", "fast")
         refused(["hybird"], "synthetic:tiny", "--out", out, "--mode", "hybird")
-        refused(["--count", "--first"], "synthetic:tiny", "--out", out, "--first", "1000000")
+        refused(["40 scans", "--first"], "synthetic:tiny", "--out", out, "--first", "1000000")
 
         # A scan in the middle is truncated: what was registered before it is stored and written.
         drive = make_drive(run.folder / "truncated")

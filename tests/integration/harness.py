@@ -181,12 +181,7 @@ class Odometry(threading.Thread):
 
 def ate(run):
     """ATE RMSE [m] as the summary has it."""
-    value = run.summary()
-    for key in ("evaluation", "ground_truth"):
-        if key in value and isinstance(value[key], dict):
-            value = value[key]
-            break
-    return value["ate"]["rmse"]
+    return run.summary()["accuracy"]["final"]["ate"]["rmse"]
 
 
 def same_poses(a, b):
