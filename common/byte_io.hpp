@@ -1,6 +1,7 @@
 // Saving plain values to bytes and reading them back, bounds checked. Little-endian machines only, as all we
 // run on.
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -74,6 +75,9 @@ class ByteReader {
     read(pose.translation);
     Eigen::Vector4d q;
     read(q);
+    // What no pose can be would turn every later one into NaN; saved poses are unit up to rounding.
+    const bool rigid = std::abs(q.norm() - 1.0) < 1e-6;
+    if (!rigid || !(pose.translation.norm() < 1e8)) fail("a pose is not one");
     pose.rotation.coeffs() = q;  // as saved, to the last bit: not normalised again
   }
 

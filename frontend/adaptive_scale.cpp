@@ -33,7 +33,10 @@ void AdaptiveScale::save(ByteWriter& out) const {
 void AdaptiveScale::load(ByteReader& in) {
   errors_.clear();
   const auto n = in.take<std::uint32_t>();
-  for (std::uint32_t i = 0; i < n; ++i) errors_.push_back(in.take<double>());
+  for (std::uint32_t i = 0; i < n; ++i) {
+    errors_.push_back(in.take<double>());
+    if (!(errors_.back() >= 0.0 && errors_.back() < 1e8)) in.fail("motion errors");
+  }
 }
 
 }  // namespace hp2

@@ -275,10 +275,12 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
   moved_ = in.take<std::uint8_t>() != 0;
   warned_ = in.take<unsigned>();
   evicted_at_ = in.take<Eigen::Vector3d>();
+  if (!evicted_at_.allFinite()) in.fail("place of the last eviction");
   motion_.load(in);
   scale_.load(in);
   builder_.load(in);
   map_.load(in);
+  if (in.left() != 0) in.fail("bytes are left over at its end");
 }
 
 Frontend::Frontend(const FrontendConfig& config, int threads)

@@ -311,6 +311,11 @@ void LocalMap::load(ByteReader& in) {
     Voxel& voxel = voxels_[static_cast<std::size_t>(v)];
     for (std::int32_t s = 0; s < points; ++s) {
       const auto offset = in.take<Eigen::Vector3f>();
+      // Offsets lie in the voxel, up to the rounding of far coordinates.
+      const auto margin = static_cast<float>(1e-3 * voxel_size_);
+      if (!(offset.allFinite() && offset.minCoeff() >= -margin &&
+            offset.maxCoeff() <= static_cast<float>(voxel_size_) + margin))
+        in.fail("local map, voxel " + std::to_string(i));
       points_[static_cast<std::size_t>(v) * capacity_ + static_cast<std::size_t>(s)] = offset;
       voxel.moments.add(offset.cast<double>());
     }

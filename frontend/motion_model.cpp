@@ -52,6 +52,7 @@ void MotionModel::load(ByteReader& in) {
   last_utime_ = in.take<std::int64_t>();
   has_pose_ = in.take<std::uint8_t>() != 0;
   has_motion_ = in.take<std::uint8_t>() != 0;
+  if (interval_ <= 0 || !motion_.allFinite() || motion_.norm() > 1e6) in.fail("motion");
 }
 
 }  // namespace hp2

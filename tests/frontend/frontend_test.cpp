@@ -1,0 +1,139 @@
+// The whole front-end on a made-up drive with exact ground truth.
+#include "frontend/frontend.hpp"
+
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "tests/frontend/tiny_drive.hpp"
+
+namespace hp2 {
+namespace {
+
+using test::tiny_drive;
+
+class FrontendModes : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(FrontendModes, FollowsGroundTruth) {
+  Frontend frontend(test::short_submaps(GetParam()));
+  const auto out = test::run(frontend, tiny_drive().scans);
+  double travelled = 0.0;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const OdometryResult& o = out[i].odometry;
+    const Pose off = tiny_drive().truth[i].inverse() * o.odom_from_sensor;
+    if (i > 0)
+      travelled += (tiny_drive().truth[i].translation - tiny_drive().truth[i - 1].translation).norm();
+    EXPECT_LT(off.translation.norm(), 0.15 + 0.02 * travelled) << "scan " << i;
+    EXPECT_LT(rotation_angle(off.rotation), 0.02) << "scan " << i;
+    EXPECT_EQ(o.sequence, tiny_drive().scans[i].sequence);
+    EXPECT_EQ(o.utime, tiny_drive().scans[i].utime_end());
+    EXPECT_NE(o.state, TrackingState::kLost);
+    EXPECT_EQ(o.n_points, static_cast<int>(tiny_drive().scans[i].size()));
+    EXPECT_EQ(o.n_skipped, 0);
+    EXPECT_TRUE(o.covariance.allFinite());
+    if (i > 0) {
+      EXPECT_GT(o.n_planar + o.n_non_planar, 50);
+    }
+  }
+  EXPECT_GT(travelled, 10.0);
+}
+
+TEST_P(FrontendModes, BitForBitTheSameInEveryRunAndWithTwoThreads) {
+  const FrontendConfig config = test::short_submaps(GetParam());
+  Frontend a(config, 1), b(config, 1), c(config, 2);
+  for (const Scan& scan : tiny_drive().scans) {
+    const FrontendOutput x = a.process(scan);
+    for (const FrontendOutput& y : {b.process(scan), c.process(scan)}) {
+      ASSERT_TRUE(test::same_bits(x.odometry.odom_from_sensor, y.odometry.odom_from_sensor));
+      ASSERT_TRUE(test::same_bits(x.odometry.submap_from_sensor, y.odometry.submap_from_sensor));
+      ASSERT_EQ(x.odometry.covariance, y.odometry.covariance);
+      ASSERT_EQ(x.odometry.diagnostics.sigma, y.odometry.diagnostics.sigma);
+      ASSERT_EQ(x.odometry.n_planar, y.odometry.n_planar);
+      ASSERT_EQ(x.finished_submap.has_value(), y.finished_submap.has_value());
+      if (!x.finished_submap) continue;
+      ASSERT_EQ(x.finished_submap->points, y.finished_submap->points);
+      ASSERT_EQ(x.finished_submap->scan_indices, y.finished_submap->scan_indices);
+    }
+  }
+}
+
+TEST_P(FrontendModes, GoesOnFromASavedStateAsIfNeverInterrupted) {
+  const FrontendConfig config = test::short_submaps(GetParam());
+  Frontend whole(config);
+  std::vector<FrontendOutput> out;
+  std::vector<std::pair<std::size_t, std::vector<std::uint8_t>>> saved;  // next scan, state
+  saved.emplace_back(0, whole.save_state());
+  for (const Scan& scan : tiny_drive().scans) {
+    out.push_back(whole.process(scan));
+    if (out.back().finished_submap) saved.emplace_back(out.size(), whole.save_state());
+  }
+  ASSERT_GE(saved.size(), 3U);
+  for (const auto& [next, state] : saved) {
+    Frontend other(config);
+    other.restore_state(state);
+    EXPECT_EQ(other.save_state(), state);
+    for (std::size_t i = next; i < tiny_drive().scans.size(); ++i) {
+      const FrontendOutput o = other.process(tiny_drive().scans[i]);
+      ASSERT_TRUE(test::same_bits(o.odometry.odom_from_sensor, out[i].odometry.odom_from_sensor)) << i;
+      ASSERT_TRUE(test::same_bits(o.odometry.submap_from_sensor, out[i].odometry.submap_from_sensor)) << i;
+      ASSERT_EQ(o.odometry.submap_id, out[i].odometry.submap_id);
+      ASSERT_EQ(o.odometry.covariance, out[i].odometry.covariance);
+      ASSERT_EQ(o.odometry.n_skipped, 0);
+      ASSERT_EQ(o.finished_submap.has_value(), out[i].finished_submap.has_value());
+      if (o.finished_submap) {
+        ASSERT_EQ(o.finished_submap->points, out[i].finished_submap->points);
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, FrontendModes, ::testing::Values("hybrid", "robust", "point_to_point"),
+                         [](const auto& mode) { return mode.param; });
+
+TEST(Frontend, EveryScanIsInExactlyOneSubmap) {
+  Frontend frontend(test::short_submaps());
+  std::vector<Submap> submaps;
+  std::vector<OdometryResult> results;
+  for (std::size_t i = 0; i < tiny_drive().scans.size(); ++i) {
+    if (i == 11 || i == 12) continue;  // two scans never arrive
+    FrontendOutput o = frontend.process(tiny_drive().scans[i]);
+    EXPECT_EQ(o.odometry.n_skipped, i == 13 ? 2 : 0);
+    results.push_back(o.odometry);
+    if (o.finished_submap) submaps.push_back(std::move(*o.finished_submap));
+  }
+  if (auto last = frontend.finish()) submaps.push_back(std::move(*last));
+  EXPECT_FALSE(frontend.finish().has_value());
+  std::int64_t skipped = 0;
+  std::size_t i = 0;
+  for (const Submap& m : submaps) {
+    skipped += m.scans_skipped;
+    EXPECT_FALSE(m.points.empty());
+    for (const ScanPose& s : m.scans) {
+      ASSERT_LT(i, results.size());
+      EXPECT_EQ(s.sequence, results[i].sequence);
+      EXPECT_EQ(s.utime, results[i].utime);
+      EXPECT_EQ(m.id, results[i].submap_id);
+      EXPECT_TRUE(test::same_bits(s.submap_from_sensor, results[i].submap_from_sensor));
+      const Pose odom_from_sensor = m.odom_from_submap * s.submap_from_sensor;
+      EXPECT_LT((odom_from_sensor.translation - results[i].odom_from_sensor.translation).norm(), 1e-9);
+      ++i;
+    }
+  }
+  EXPECT_EQ(i, results.size());
+  EXPECT_EQ(skipped, 2);
+  EXPECT_GE(submaps.size(), 2U);
+}
+
+TEST(Frontend, DroppedScansAreBridgedByTheClock) {
+  // Every third scan only: predictions must follow the time stamps, not the number of scans.
+  Frontend frontend(test::short_submaps());
+  for (std::size_t i = 0; i < tiny_drive().scans.size(); i += (i > 20 ? 3 : 1)) {
+    const OdometryResult o = frontend.process(tiny_drive().scans[i]).odometry;
+    const Pose off = tiny_drive().truth[i].inverse() * o.odom_from_sensor;
+    EXPECT_LT(off.translation.norm(), 0.5) << "scan " << i;
+    EXPECT_NE(o.state, TrackingState::kLost);
+  }
+}
+
+}  // namespace
+}  // namespace hp2

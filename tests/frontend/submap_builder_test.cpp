@@ -1,0 +1,148 @@
+// Submaps: where they are cut, what they hold, that nothing is lost between them.
+#include "frontend/submap_builder.hpp"
+
+#include <array>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include <gtest/gtest.h>
+
+#include "tests/frontend/made_up_clouds.hpp"
+
+namespace hp2 {
+namespace {
+
+using test::Cloud;
+using test::Dice;
+
+struct Drive {
+  std::vector<Pose> poses;
+  std::vector<Submap> submaps;
+};
+
+constexpr double kLength = 5.0, kVoxel = 0.5;
+
+// 60 scans along a bend, 0.4 m apart; every seventh scan of the stream is missing.
+Drive drive(SubmapBuilder& builder) {
+  Dice dice(1);
+  Drive out;
+  std::int64_t sequence = 0;
+  for (int i = 0; i < 60; ++i) {
+    const std::int64_t skipped = i > 0 && i % 7 == 0 ? 1 : 0;
+    sequence += i > 0 ? 1 + skipped : 0;
+    const double a = 0.02 * i;
+    const Pose pose(so3_exp({0, 0, a}), {20.0 * std::sin(a), 20.0 * (1.0 - std::cos(a)), 0.0});
+    out.poses.push_back(pose);
+    Cloud cloud;
+    for (int k = 0; k < 300; ++k) cloud.push_back(dice.vector(10.0).cast<float>());
+    ScanPose scan;
+    scan.sequence = sequence;
+    auto done = builder.add(cloud, pose, scan, skipped);
+    if (done) out.submaps.push_back(std::move(*done));
+  }
+  if (auto done = builder.finish()) out.submaps.push_back(std::move(*done));
+  return out;
+}
+
+TEST(SubmapBuilder, CutsAtItsLengthAndLosesNothing) {
+  SubmapBuilder builder(kLength, kVoxel);
+  EXPECT_TRUE(builder.empty());
+  const Drive d = drive(builder);
+  EXPECT_FALSE(builder.finish().has_value());
+  ASSERT_GE(d.submaps.size(), 4U);
+  double travelled = 0.0;
+  std::int64_t skipped = 0;
+  std::size_t scan = 0;
+  Pose last;
+  for (std::size_t k = 0; k < d.submaps.size(); ++k) {
+    const Submap& m = d.submaps[k];
+    EXPECT_EQ(m.id, static_cast<std::int64_t>(k));
+    EXPECT_LT((m.odom_from_submap.translation - last.translation).norm(), 1e-12);
+    EXPECT_LT(rotation_angle(m.odom_from_submap.rotation.conjugate() * last.rotation), 1e-12);
+    if (k + 1 < d.submaps.size()) {
+      EXPECT_GE(m.travelled_m, kLength);
+      EXPECT_LT(m.travelled_m, kLength + 0.5);  // one scan's step at most too long
+    }
+    ASSERT_FALSE(m.scans.empty());
+    for (const ScanPose& s : m.scans) {
+      ASSERT_LT(scan, d.poses.size());
+      const Pose odom_from_sensor = m.odom_from_submap * s.submap_from_sensor;
+      EXPECT_LT((odom_from_sensor.translation - d.poses[scan].translation).norm(), 1e-9);
+      EXPECT_LT(rotation_angle(odom_from_sensor.rotation.conjugate() * d.poses[scan].rotation), 1e-7);
+      EXPECT_EQ(s.sequence, static_cast<std::int64_t>(scan + scan / 7));  // each once, in order
+      ++scan;
+    }
+    last = d.poses[scan - 1];
+    travelled += m.travelled_m;
+    skipped += m.scans_skipped;
+  }
+  EXPECT_EQ(scan, d.poses.size());
+  EXPECT_EQ(skipped, 8);
+  double length = 0.0;
+  for (std::size_t i = 1; i < d.poses.size(); ++i) {
+    length += (d.poses[i].translation - d.poses[i - 1].translation).norm();
+  }
+  EXPECT_NEAR(travelled, length, 1e-9);
+}
+
+TEST(SubmapBuilder, OnePointAVoxelWithItsScan) {
+  SubmapBuilder builder(kLength, kVoxel);
+  for (const Submap& m : drive(builder).submaps) {
+    ASSERT_EQ(m.points.size(), m.scan_indices.size());
+    std::set<std::array<int, 3>> voxels;
+    for (std::size_t i = 0; i < m.points.size(); ++i) {
+      const Eigen::Vector3f v = (m.points[i] / static_cast<float>(kVoxel)).array().floor();
+      EXPECT_TRUE(
+          voxels.insert({static_cast<int>(v.x()), static_cast<int>(v.y()), static_cast<int>(v.z())}).second);
+      ASSERT_GE(m.scan_indices[i], 0);
+      ASSERT_LT(m.scan_indices[i], static_cast<std::int32_t>(m.scans.size()));
+      // Seen by that scan: within the cube that the scan's points were drawn from.
+      const Pose& sensor = m.scans[static_cast<std::size_t>(m.scan_indices[i])].submap_from_sensor;
+      const Eigen::Vector3d p = sensor.inverse() * m.points[i].cast<double>();
+      EXPECT_LT(p.cwiseAbs().maxCoeff(), 10.0 + 1e-4);
+    }
+    EXPECT_GT(m.points.size(), 300U);
+  }
+}
+
+TEST(SubmapBuilder, StandingStillIsOneSubmap) {
+  SubmapBuilder builder(kLength, kVoxel);
+  for (int i = 0; i < 100; ++i) {
+    ScanPose scan;
+    EXPECT_FALSE(builder.add({{1.0F, 2.0F, 3.0F}}, Pose(), scan, 0).has_value());
+  }
+  const auto m = builder.finish();
+  ASSERT_TRUE(m.has_value());
+  EXPECT_EQ(m->scans.size(), 100U);
+  EXPECT_EQ(m->points.size(), 1U);
+  EXPECT_EQ(m->travelled_m, 0.0);
+}
+
+TEST(EstimateNormals, OfAFloorAndOfScatter) {
+  Submap m;
+  Dice dice(2);
+  test::add_patch(m.points, dice, 3000, {-8, -8, 0.3}, {16, 0, 0}, {0, 16, 0});
+  const std::size_t floor = m.points.size();
+  for (int i = 0; i < 3000; ++i)
+    m.points.push_back((dice.vector(3.0) + Eigen::Vector3d(0, 0, 10)).cast<float>());
+  m.points.emplace_back(100.0F, 100.0F, 100.0F);  // alone
+  estimate_normals(m);
+  ASSERT_EQ(m.normals.size(), m.points.size());
+  std::size_t up = 0, zero = 0;
+  for (std::size_t i = 0; i < m.points.size(); ++i) {
+    const float length = m.normals[i].norm();
+    EXPECT_TRUE(length == 0.0F || std::abs(length - 1.0F) < 1e-4F);
+    if (i < floor) {
+      up += std::abs(m.normals[i].z()) > 0.999F ? 1U : 0U;
+    } else {
+      zero += length == 0.0F ? 1U : 0U;
+    }
+  }
+  EXPECT_GT(up, floor * 98 / 100);
+  EXPECT_GT(zero, std::size_t{3000} * 7 / 10);
+  EXPECT_EQ(m.normals.back(), Eigen::Vector3f::Zero());
+}
+
+}  // namespace
+}  // namespace hp2
