@@ -14,6 +14,7 @@ namespace {
 constexpr std::int64_t kCorrectionPeriodUs = 500'000;
 constexpr std::int64_t kRetryUs = 1'000'000;
 constexpr std::int64_t kKeepStatusesUs = 10'000'000;
+constexpr std::int64_t kLingerUs = 2'000'000;
 constexpr int kSubmapsAhead = 2;
 
 }  // namespace
@@ -46,6 +47,7 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
       graph_(endpoint_, kGraphTopic, [this](std::int64_t) { return now_.graph; }),
       trajectory_(endpoint_, kTrajectoryTopic, [this](std::int64_t) { return now_.trajectory; }),
       session_submaps_(endpoint_, kSessionSubmapTopic, [this](std::int64_t id) { return loader_.get(id); }) {
+  started_us_ = bus.now_us();
   endpoint_.set_session(worker_.session_id());
   submaps_.set_limit(0);
   for (const char* name : {"submaps_stored", "closures_accepted", "closures_rejected"})
@@ -121,8 +123,9 @@ bool BackendProcess::all_fetched() const {
   if (!now_.ended) return false;
   const bool viewer_done = graph_.done_id() >= graph_.next() && trajectory_.done_id() >= trajectory_.next() &&
                            session_submaps_.done_id() >= session_submaps_.next();
-  const offer_t* frontend = submaps_.offer();
-  return viewer_done && (frontend == nullptr || frontend->first_id == frontend->next_id);
+  // A front-end that has just begun, or does not know yet that all is stored, would wait for this process for ever.
+  const bool frontend_waits = presence_.live("hp2_frontend") != nullptr || bus_.now_us() - started_us_ < kLingerUs;
+  return viewer_done && !frontend_waits;
 }
 
 void BackendProcess::report() {

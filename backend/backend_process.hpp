@@ -54,7 +54,7 @@ class BackendProcess {
   SessionSnapshot now_;
   bool opened_ = false, stop_ = false, finishing_ = false;
   std::int64_t handed_ = 0;  // submaps handed to the worker
-  std::int64_t last_correction_us_ = 0, retry_us_ = 0, last_keep_us_ = 0;
+  std::int64_t started_us_ = 0, last_correction_us_ = 0, retry_us_ = 0, last_keep_us_ = 0;
   int exit_status_ = 0;
 };
 

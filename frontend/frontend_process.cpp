@@ -128,15 +128,16 @@ void FrontendProcess::on_scan(Delivery delivery) {
   worker_.add({delivery.id, std::move(delivery.bytes), std::nullopt, final});
 }
 
-// Takes the newest scan if a real-time player is too far ahead; the sequence numbers show what was skipped.
+// Takes the newest scan if a real-time player is too far ahead; the sequence numbers show what was skipped. A scan that
+// is under way is waited for: were it given up for a newer one each time, none would ever arrive.
 void FrontendProcess::skip_to_newest() {
   const offer_t* offer = scans_.offer();
-  if (offer == nullptr || offer->pacing != offer_t::REAL_TIME || paused_) return;
+  if (offer == nullptr || offer->pacing != offer_t::REAL_TIME || paused_ || scans_.busy()) return;
   if (offer->next_id - scans_.next_delivery() > options_.real_time_backlog) scans_.seek(offer->next_id - 1);
 }
 
 void FrontendProcess::feed_live() {
-  live_.allow(scans_.offer() == nullptr || scans_.offer()->next_id == 0);
+  live_.allow(scans_.offer() == nullptr);
   if (!live_.active()) live_.set_next_sequence(last_given_ + 1);
   while (!live_.empty() && in_worker_ < kInWorker / 2) {
     auto scan = live_.pop();
@@ -155,8 +156,9 @@ void FrontendProcess::feed() {
   if (last_given_ + 1 > scans_.next_delivery()) scans_.seek(last_given_ + 1);
   const bool real_time = offer != nullptr && offer->pacing == offer_t::REAL_TIME;
   if (room) skip_to_newest();
-  const int capacity = real_time ? options_.real_time_backlog : kInWorker;
-  scans_.set_limit(room ? scans_.next_delivery() + std::max(0, capacity - in_worker_) : kNothing);
+  // In real time one scan is fetched while another is registered: what is fetched early is old when its turn comes.
+  const int space = real_time ? (in_worker_ < 2 ? 1 : 0) : std::max(0, kInWorker - in_worker_);
+  scans_.set_limit(room ? scans_.next_delivery() + space : kNothing);
   if (offer != nullptr && offer->ended != 0 && in_worker_ == 0 && last_given_ + 1 >= offer->next_id) {
     end_session("the player has no more scans");
   }
@@ -276,7 +278,11 @@ bool FrontendProcess::over() {
   if (over_since_us_ == 0) over_since_us_ = bus_.now_us();
   scans_.acknowledge(next_sequence_, fetch_t::ALL);
   // The player may have missed that it can go: stay while it still asks.
-  const bool player_waits = scans_.offer() != nullptr && bus_.now_us() - over_since_us_ < 4 * kLingerUs;
+  const offer_t* offer = scans_.offer();
+  const auto player = offer == nullptr ? presence_.peers().end() : presence_.peers().find(offer->sender_id);
+  const bool gone = player != presence_.peers().end() && (player->second.status.state == status_t::FINISHED ||
+                                                          player->second.status.state == status_t::FAILED);
+  const bool player_waits = offer != nullptr && !gone && bus_.now_us() - over_since_us_ < 4 * kLingerUs;
   return !player_waits && bus_.now_us() - over_since_us_ > kLingerUs / 6;
 }
 

@@ -1,11 +1,18 @@
 #include "frontend/motion_model.hpp"
 
 namespace hp2 {
+namespace {
+
+// A step longer than this is no gap but another clock: a sensor's driver that took the place of a player, say. No motion
+// can be predicted over a minute anyway.
+constexpr std::int64_t kOtherClockUs = 60'000'000;
+
+}  // namespace
 
 // Time since the last pose; where the stamps make no sense, as long as the interval before.
 std::int64_t MotionModel::interval_us(std::int64_t utime) const {
   const std::int64_t dt = utime - last_utime_;
-  return dt > 0 ? dt : interval_;
+  return dt > 0 && dt < kOtherClockUs ? dt : interval_;
 }
 
 Pose MotionModel::predict(std::int64_t utime) const {

@@ -16,11 +16,12 @@ case ${1:-} in
   -h | --help) sed -n '2,7s/^# \{0,1\}//p' "$0" && exit 0 ;;
 esac
 
-run() { ctest --test-dir "$1" --output-on-failure --no-tests=error "${@:2}"; }
+# Unit tests run side by side; integration tests one at a time, they measure time and use every core.
+run() { ctest --test-dir "$1" --output-on-failure --no-tests=error -j "$(nproc)" "${@:2}"; }
 
 if [ "$sanitize" = 1 ]; then
   scripts/setup.sh --build build-asan -DHP2_SANITIZE=address,undefined -DCMAKE_BUILD_TYPE=RelWithDebInfo
-  UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 run build-asan -L unit -j "$(nproc)" "$@"
+  UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 run build-asan -L "unit|fuzz" "$@"
 fi
 if [ "$tsan" = 1 ]; then
   scripts/setup.sh --build build-tsan -DHP2_SANITIZE=thread -DCMAKE_BUILD_TYPE=RelWithDebInfo
@@ -28,7 +29,5 @@ if [ "$tsan" = 1 ]; then
 fi
 if [ "$plain" = 1 ]; then
   scripts/setup.sh
-  # Unit tests side by side; integration tests one at a time, they measure time and use both cores.
-  run build -L unit -j "$(nproc)" "$@"
-  run build -L integration "$@"
+  run build "$@"
 fi

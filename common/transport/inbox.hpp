@@ -64,6 +64,8 @@ class Inbox {
 
   /// The owner's last offer while the owner lives (an offer in the last 2 s), nothing otherwise.
   const offer_t* offer() const;
+  /// Pieces of the next message are here or under way.
+  bool busy() const { return !assemblies_.empty(); }
   /// The last offer heard, alive or not.
   const std::optional<offer_t>& last_offer() const { return offer_; }
   /// Called when the owner's offer changed.
