@@ -48,7 +48,10 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("initial_sigma_m", c.initial_sigma_m, "sigma until the sensor has moved [m]", 0.01, 100.0);
   s.add("min_sigma_m", c.min_sigma_m, "sigma never falls below this [m]", 0.001, 10.0);
   s.add("sigma_window", c.sigma_window, "Motion errors that sigma is the RMS of", 1, 100000);
-  s.add("submap_length_m", c.submap_length_m, "Travel after which a submap is cut, beta [m]", 1.0, 10000.0);
+  s.add("submap_length_m", c.submap_length_m,
+        "Travel after which a submap is cut, beta [m]; the paper's is 100; 0: 25, or 15 where the sensor "
+        "sees less than 12 m",
+        0.0, 10000.0);
   s.add("submap_voxel_m", c.submap_voxel_m, "One point a voxel of this edge in a submap [m]", 0.05, 10.0);
   return s;
 }

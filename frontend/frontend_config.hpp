@@ -28,12 +28,12 @@ struct FrontendConfig {
   int n_min = 5;
   int max_iterations = 30;
   double convergence_m = 1e-3;
-  double in_plane_weight = 0.3;
+  double in_plane_weight = 0.05;
   double min_eigenvalue_ratio = 1e-4;
   double initial_sigma_m = 2.0;
   double min_sigma_m = 0.1;
   int sigma_window = 100;
-  double submap_length_m = 100.0;
+  double submap_length_m = 0.0;
   double submap_voxel_m = 0.5;
 };
 

@@ -32,6 +32,9 @@ double robust_weight(double squared_error, double c2) {
   return c2 / (d * d);
 }
 
+constexpr double kResidual =
+    0.2;  // [m], what counts as a residual's deviation, correlation between points included
+
 // Eigenvalues of an information matrix whose rotations are scaled to metres by `lever`, and the step that it
 // gives in its observed directions only.
 struct Step {
@@ -155,6 +158,8 @@ NormalEquations HybridIcp::accumulate(const std::vector<Eigen::Vector3f>& source
       if (squared > max2) continue;
       const Eigen::Vector3d n = c.normal.cast<double>();
       const double e = n.dot(residual);
+      constexpr double kFit2 = 0.2 * 0.2;
+      sums.fit += kFit2 / (kFit2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared));
       if (c.normal != Eigen::Vector3f::Zero()) {
         sums.planar.add(p, n, e, robust_weight(e * e, c2));
         if (in_plane) sums.planar_points.add(p, residual, robust_weight(squared, c2));
@@ -183,9 +188,11 @@ Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) con
       alpha = 0.5;
       break;
     case IcpMode::kRobust: {
-      const double b = config_.in_plane_weight;
-      gradient = sums.planar.gradient() + b * sums.planar_points.gradient() + sums.non_planar.gradient();
-      return sums.planar.information() + b * sums.planar_points.information() + sums.non_planar.information();
+      const double b = config_.in_plane_weight * alpha;
+      gradient = alpha * sums.planar.gradient() + b * sums.planar_points.gradient() +
+                 (1.0 - alpha) * sums.non_planar.gradient();
+      return alpha * sums.planar.information() + b * sums.planar_points.information() +
+             (1.0 - alpha) * sums.non_planar.information();
     }
     default:
       break;
@@ -195,7 +202,7 @@ Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) con
 }
 
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                           double sigma_m, const Parallel& parallel) {
+                           double sigma_m, const Parallel& parallel, const PosePrior* prior) {
   IcpResult result;
   result.map_from_source = guess;
   if (map.empty() || source.empty()) return result;
@@ -222,7 +229,19 @@ IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& so
     sums = accumulate(source, local, sigma_m, max_distance, parallel);
     Vector6d gradient;
     information = balance(sums, gradient);
-    const Step step = solve(information, gradient, lever, config_.min_eigenvalue_ratio);
+    Matrix6d total = information;
+    if (prior != nullptr && config_.mode == IcpMode::kRobust) {
+      const Pose expected(prior->map_from_source.rotation, prior->map_from_source.translation - origin);
+      Matrix6d to_source = Matrix6d::Identity();  // increments about the local origin -> about the source's
+      to_source.topRightCorner<3, 3>() = -skew(local.translation);
+      // The robust weights make the scan's sums speak as if its residuals' deviation were sigma; it is
+      // kResidual.
+      const Matrix6d weight = (kResidual * kResidual / (sigma_m * sigma_m)) *
+                              (to_source.transpose() * prior->information * to_source);
+      total += weight;
+      gradient += weight * se3_log(local * expected.inverse());
+    }
+    const Step step = solve(total, gradient, lever, config_.min_eigenvalue_ratio);
     result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
     local = se3_exp(step.x) * local;
@@ -238,6 +257,7 @@ IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& so
   const int count = result.n_planar + result.n_non_planar;
   const double weight = sums.planar.information().topLeftCorner<3, 3>().trace() + sums.non_planar.w;
   result.rms_m = weight > 0.0 ? std::sqrt((sums.planar.squares + sums.non_planar.squares) / weight) : 0.0;
+  result.fit = sums.fit / static_cast<double>(source.size());
   result.inlier_ratio = static_cast<double>(count) / static_cast<double>(source.size());
   // About the source's origin instead of the local one: x_local = x_source + phi cross t.
   Matrix6d shift = Matrix6d::Identity();

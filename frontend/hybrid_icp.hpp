@@ -36,6 +36,12 @@ struct IcpConfig {
       1e-4;  ///< Directions below this share of the largest eigenvalue are not observed.
 };
 
+/// What is known of the pose before the scan is looked at.
+struct PosePrior {
+  Pose map_from_source;                     ///< Expected pose.
+  Matrix6d information = Matrix6d::Zero();  ///< Left increments about the source's origin, axes of the map.
+};
+
 /// Outcome of one registration.
 struct IcpResult {
   Pose map_from_source;
@@ -47,6 +53,7 @@ struct IcpResult {
   bool converged = false;
   double rms_m = 0.0;
   double mean_range_m = 0.0;  ///< RMS distance of the source points from their origin.
+  double fit = 0.0;           ///< Soft share of source points that agree with the map to within 0.2 m, 0..1.
   double inlier_ratio = 0.0;  ///< Correspondences within 3 sigma over source points.
   double min_eigenvalue_ratio = 0.0;
   int unobserved_directions = 0;
@@ -69,8 +76,9 @@ class HybridIcp {
   /// @param source [m], sensor frame, deskewed
   /// @param guess  map_from_source to begin with
   /// @param sigma_m scale of the robust loss; correspondences beyond 3 sigma are rejected
+  /// @param prior   kRobust: weighed against what the scan says; nullptr: none
   IcpResult align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                  double sigma_m, const Parallel& parallel);
+                  double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
 
  private:
   struct Correspondence {

@@ -5,6 +5,7 @@
 
 #include "common/byte_io.hpp"
 #include "common/geometry/pose.hpp"
+#include "frontend/hybrid_icp.hpp"
 
 namespace hp2 {
 
@@ -17,10 +18,21 @@ class MotionModel {
   Vector6d sweep_twist(std::int64_t duration_us) const;
   /// The same, were the sensor at `pose` at `utime`.
   Vector6d sweep_twist(std::int64_t duration_us, const Pose& pose, std::int64_t utime) const;
+  /// Length of a sweep over the time from the last pose to `utime`.
+  double sweep_share(std::int64_t duration_us, std::int64_t utime) const {
+    return static_cast<double>(duration_us) / static_cast<double>(interval_us(utime));
+  }
   /// True if `utime` does not lie after the last pose's.
   bool time_is_broken(std::int64_t utime) const { return has_pose_ && utime <= last_utime_; }
   /// The registered pose at `utime` [us].
   void add(const Pose& pose, std::int64_t utime);
+
+  /// What the prediction for `utime` is worth, from how well earlier ones did; no information before there is
+  /// a velocity.
+  PosePrior prior(std::int64_t utime) const;
+  /// Compares a prediction with what registration made of it, in the directions that the scan determined.
+  /// @param information of the registration (IcpResult::information)
+  void learn(const PosePrior& prior, const Pose& registered, const Matrix6d& information);
 
   const Pose& last_pose() const { return last_; }
   bool has_pose() const { return has_pose_; }
@@ -36,6 +48,8 @@ class MotionModel {
   std::int64_t interval_ = 100000;
   std::int64_t last_utime_ = 0;
   bool has_pose_ = false, has_motion_ = false;
+  double translation_variance_ = 0.0, rotation_variance_ = 0.0;  // of predictions, an axis [m^2, rad^2]
+  int learned_ = 0;                                              // number of predictions that they come from
 };
 
 }  // namespace hp2

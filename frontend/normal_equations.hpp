@@ -98,11 +98,13 @@ struct NormalEquations {
   PlaneSums planar;         ///< P, along the normal.
   PointSums planar_points;  ///< P, the whole residual (for the in-plane part).
   PointSums non_planar;     ///< Q.
+  double fit = 0.0;         ///< Soft count of the correspondences that agree to within 0.2 m.
 
   void add(const NormalEquations& o) {
     planar.add(o.planar);
     planar_points.add(o.planar_points);
     non_planar.add(o.non_planar);
+    fit += o.fit;
   }
 };
 

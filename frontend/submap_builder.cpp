@@ -6,12 +6,11 @@
 #include "frontend/local_map.hpp"
 
 namespace hp2 {
-SubmapBuilder::SubmapBuilder(double length_m, double voxel_m)
-    : length_(length_m), inverse_voxel_(1.0 / voxel_m) {}
+SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
 
 std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& points,
                                          const Pose& odom_from_sensor, ScanPose& scan,
-                                         std::int64_t skipped_before) {
+                                         std::int64_t skipped_before, double length_m) {
   scan.submap_from_sensor = submap_.odom_from_submap.inverse() * odom_from_sensor;
   const bool first_of_session = submap_.id == 0 && submap_.scans.empty();
   if (!first_of_session) {
@@ -32,7 +31,7 @@ std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& poi
     submap_.scan_indices.push_back(index);
   }
   submap_.scans.push_back(scan);
-  if (submap_.travelled_m < length_) return std::nullopt;
+  if (submap_.travelled_m < length_m) return std::nullopt;
   return cut();
 }
 

@@ -17,9 +17,8 @@ namespace hp2 {
 /// Cuts the drive into submaps.
 class SubmapBuilder {
  public:
-  /// @param length_m a submap ends once so much was travelled in it (beta)
   /// @param voxel_m  one point a voxel of this edge is kept
-  SubmapBuilder(double length_m, double voxel_m);
+  explicit SubmapBuilder(double voxel_m);
 
   std::int64_t id() const { return submap_.id; }
   const Pose& odom_from_submap() const { return submap_.odom_from_submap; }
@@ -29,9 +28,10 @@ class SubmapBuilder {
   /// Adds a registered scan.
   /// @param points [m], sensor frame, deskewed
   /// @param scan   its submap_from_sensor is filled in here
+  /// @param length_m the submap ends once so much was travelled in it (beta)
   /// @return the submap if this scan finished it; the next one then begins at this scan's pose
   std::optional<Submap> add(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
-                            ScanPose& scan, std::int64_t skipped_before);
+                            ScanPose& scan, std::int64_t skipped_before, double length_m);
   /// Cuts the open submap wherever it is; nothing if it holds no scan.
   std::optional<Submap> finish();
 
@@ -42,7 +42,7 @@ class SubmapBuilder {
  private:
   Submap cut();
 
-  double length_, inverse_voxel_;
+  double inverse_voxel_;
   Submap submap_;
   Pose last_odom_from_sensor_;
   tsl::robin_set<std::uint64_t, VoxelKeyHash> voxels_;
