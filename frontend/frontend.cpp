@@ -272,7 +272,7 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     o.covariance = motion_covariance(icp, sigma);
     o.n_planar = icp.n_planar;
     o.n_non_planar = icp.n_non_planar;
-    if (icp.unobserved_directions > 0) o.state = TrackingState::kDegenerate;
+    if (icp.min_eigenvalue_ratio < kWellObserved) o.state = TrackingState::kDegenerate;
     if (icp.n_planar + icp.n_non_planar < 10) {
       o.state = TrackingState::kLost;
       pose = predicted;

@@ -16,9 +16,9 @@ struct FrontendConfig {
   int redeskew_passes = 2;
   double redeskew_threshold_m = 0.05;
   double redeskew_gain = 0.7;
-  double voxel_size_m = 0.6;
-  int max_points_per_voxel = 3;
-  double min_spacing_m = 0.35;
+  double voxel_size_m = 0.8;
+  int max_points_per_voxel = 5;
+  double min_spacing_m = 0.3;
   double map_point_voxel_m = 0.3;
   double source_voxel_m = 0.9;
   double tau_ref = 0.2;

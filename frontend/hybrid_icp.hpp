@@ -65,6 +65,10 @@ struct IcpResult {
   }
 };
 
+/// Settings of the registration from those of the front-end. @throws Error for an unknown mode
+struct FrontendConfig;
+IcpConfig icp_config(const FrontendConfig& config);
+
 /// Registers clouds to a local map. Keeps its buffers from call to call.
 class HybridIcp {
  public:

@@ -6,8 +6,6 @@
 
 namespace hp2 {
 
-IcpConfig icp_config(const FrontendConfig& c);
-
 RegistrationResult register_clouds(const std::vector<Eigen::Vector3f>& target,
                                    const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                                    const FrontendConfig& config, double sigma_m, double max_distance_m,
