@@ -26,6 +26,8 @@ constexpr std::uint32_t kStateVersion = 1;
 // Below this ratio of the information's eigenvalues the position along some direction is little more than
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
+// Below this one the state says so.
+constexpr double kDegenerate = 0.02;
 
 class Clock {
  public:
@@ -245,6 +247,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   const double sigma = scale_.sigma_m();
   o.diagnostics.sigma = static_cast<float>(sigma);
   if (source_.empty()) {
+    warn_once(5,
+              "a scan has no usable point (all are out of range or not finite): its pose is the prediction");
     o.state = TrackingState::kLost;
   } else if (!map_.empty()) {
     const PosePrior prior = motion_.prior(o.utime);
@@ -272,7 +276,7 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     o.covariance = motion_covariance(icp, sigma);
     o.n_planar = icp.n_planar;
     o.n_non_planar = icp.n_non_planar;
-    if (icp.min_eigenvalue_ratio < kWellObserved) o.state = TrackingState::kDegenerate;
+    if (icp.min_eigenvalue_ratio < kDegenerate) o.state = TrackingState::kDegenerate;
     if (icp.n_planar + icp.n_non_planar < 10) {
       o.state = TrackingState::kLost;
       pose = predicted;

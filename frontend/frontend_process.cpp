@@ -128,8 +128,8 @@ void FrontendProcess::on_scan(Delivery delivery) {
   worker_.add({delivery.id, std::move(delivery.bytes), std::nullopt, final});
 }
 
-// Takes the newest scan if a real-time player is too far ahead; the sequence numbers show what was skipped. A scan that
-// is under way is waited for: were it given up for a newer one each time, none would ever arrive.
+// Takes the newest scan if a real-time player is too far ahead; the sequence numbers show what was skipped. A
+// scan that is under way is waited for: were it given up for a newer one each time, none would ever arrive.
 void FrontendProcess::skip_to_newest() {
   const offer_t* offer = scans_.offer();
   if (offer == nullptr || offer->pacing != offer_t::REAL_TIME || paused_ || scans_.busy()) return;
@@ -156,7 +156,8 @@ void FrontendProcess::feed() {
   if (last_given_ + 1 > scans_.next_delivery()) scans_.seek(last_given_ + 1);
   const bool real_time = offer != nullptr && offer->pacing == offer_t::REAL_TIME;
   if (room) skip_to_newest();
-  // In real time one scan is fetched while another is registered: what is fetched early is old when its turn comes.
+  // In real time one scan is fetched while another is registered: what is fetched early is old when its turn
+  // comes.
   const int space = real_time ? (in_worker_ < 2 ? 1 : 0) : std::max(0, kInWorker - in_worker_);
   scans_.set_limit(room ? scans_.next_delivery() + space : kNothing);
   if (offer != nullptr && offer->ended != 0 && in_worker_ == 0 && last_given_ + 1 >= offer->next_id) {

@@ -8,8 +8,8 @@
 namespace hp2 {
 namespace {
 
-// A step longer than this is no gap but another clock: a sensor's driver that took the place of a player, say. No motion
-// can be predicted over a minute anyway.
+// A step longer than this is no gap but another clock: a sensor's driver that took the place of a player,
+// say. No motion can be predicted over a minute anyway.
 constexpr std::int64_t kOtherClockUs = 60'000'000;
 // Mean square of `deviation` along those axes of `covariance` whose standard deviation is below `limit`;
 // negative if there is none.

@@ -38,7 +38,7 @@ Drive drive(SubmapBuilder& builder) {
     for (int k = 0; k < 300; ++k) cloud.push_back(dice.vector(10.0).cast<float>());
     ScanPose scan;
     scan.sequence = sequence;
-    auto done = builder.add(cloud, pose, scan, skipped);
+    auto done = builder.add(cloud, pose, scan, skipped, kLength);
     if (done) out.submaps.push_back(std::move(*done));
   }
   if (auto done = builder.finish()) out.submaps.push_back(std::move(*done));
@@ -46,7 +46,7 @@ Drive drive(SubmapBuilder& builder) {
 }
 
 TEST(SubmapBuilder, CutsAtItsLengthAndLosesNothing) {
-  SubmapBuilder builder(kLength, kVoxel);
+  SubmapBuilder builder(kVoxel);
   EXPECT_TRUE(builder.empty());
   const Drive d = drive(builder);
   EXPECT_FALSE(builder.finish().has_value());
@@ -87,7 +87,7 @@ TEST(SubmapBuilder, CutsAtItsLengthAndLosesNothing) {
 }
 
 TEST(SubmapBuilder, OnePointAVoxelWithItsScan) {
-  SubmapBuilder builder(kLength, kVoxel);
+  SubmapBuilder builder(kVoxel);
   for (const Submap& m : drive(builder).submaps) {
     ASSERT_EQ(m.points.size(), m.scan_indices.size());
     std::set<std::array<int, 3>> voxels;
@@ -107,10 +107,10 @@ TEST(SubmapBuilder, OnePointAVoxelWithItsScan) {
 }
 
 TEST(SubmapBuilder, StandingStillIsOneSubmap) {
-  SubmapBuilder builder(kLength, kVoxel);
+  SubmapBuilder builder(kVoxel);
   for (int i = 0; i < 100; ++i) {
     ScanPose scan;
-    EXPECT_FALSE(builder.add({{1.0F, 2.0F, 3.0F}}, Pose(), scan, 0).has_value());
+    EXPECT_FALSE(builder.add({{1.0F, 2.0F, 3.0F}}, Pose(), scan, 0, kLength).has_value());
   }
   const auto m = builder.finish();
   ASSERT_TRUE(m.has_value());
