@@ -17,7 +17,7 @@ done
 
 packages=(build-essential cmake ninja-build liblcm-dev liblcm-bin libeigen3-dev libopencv-dev libceres-dev
   libspdlog-dev libgtest-dev libgmock-dev libtbb-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev
-  sqlite3 libbenchmark-dev librobin-map-dev libjs-chart.js python3 iproute2)
+  sqlite3 libbenchmark-dev robin-map-dev libjs-chart.js python3 iproute2)
 missing=()
 for package in "${packages[@]}"; do
   dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$package")
