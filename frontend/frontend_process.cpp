@@ -16,7 +16,7 @@ constexpr std::int64_t kNothing = 0, kEverything = std::int64_t{1} << 62;
 constexpr std::int64_t kListenForTwinUs = 1'100'000;
 constexpr std::int64_t kBehindPatienceUs = 2'000'000;
 constexpr std::int64_t kLingerUs = 3'000'000;
-constexpr std::size_t kMostKeptSubmaps = 400;
+constexpr std::size_t kMostKeptBytes = std::size_t{400} << 20U;  // of submaps while the back-end is away
 
 }  // namespace
 
@@ -87,6 +87,7 @@ void FrontendProcess::on_resume(const Delivery& delivery) {
     spdlog::info("session {} is complete already", m.session_id);
     stored_sequence_ = next_sequence_ = m.next_sequence;
     kept_.clear();
+    kept_bytes_ = 0;
     next_submap_ = m.next_submap_id;
     submaps_.offer(next_submap_, next_submap_, true);
     state_ = State::kOver;
@@ -101,6 +102,7 @@ void FrontendProcess::begin(std::int64_t next_submap, std::int64_t next_sequence
   generation_ = worker_.begin(endpoint_.session_id(), state);
   in_worker_ = 0;
   kept_.clear();
+  kept_bytes_ = 0;
   next_submap_ = next_submap;
   next_sequence_ = stored_sequence_ = next_sequence;
   last_given_ = next_sequence - 1;
@@ -152,7 +154,7 @@ void FrontendProcess::feed() {
   if (state_ != State::kRunning) return;
   feed_live();
   const offer_t* offer = scans_.offer();
-  const bool room = kept_.size() < kMostKeptSubmaps && !live_.active() && !paused_;
+  const bool room = kept_bytes_ < kMostKeptBytes && !live_.active() && !paused_;
   if (last_given_ + 1 > scans_.next_delivery()) scans_.seek(last_given_ + 1);
   const bool real_time = offer != nullptr && offer->pacing == offer_t::REAL_TIME;
   if (room) skip_to_newest();
@@ -235,6 +237,7 @@ void FrontendProcess::keep_submaps(std::vector<SubmapOut> submaps) {
     if (options_.standalone) {
       stored_sequence_ = submap.next_sequence;
     } else {
+      kept_bytes_ += submap.message->bytes.size();
       kept_.push_back(std::move(submap));
     }
   }
@@ -248,6 +251,7 @@ void FrontendProcess::drop_stored_submaps() {
   bool dropped = false;
   while (!kept_.empty() && kept_.front().id < submaps_.done_id()) {
     stored_sequence_ = kept_.front().next_sequence;
+    kept_bytes_ -= kept_.front().message->bytes.size();
     kept_.pop_front();
     dropped = true;
   }

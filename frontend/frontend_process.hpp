@@ -74,6 +74,7 @@ class FrontendProcess {
   std::int64_t stored_sequence_ = 0;  // first scan that is in no stored submap
   std::int64_t odometry_number_ = 0;
   std::deque<SubmapOut> kept_;  // submaps that the back-end has not stored yet
+  std::size_t kept_bytes_ = 0;
   std::int64_t next_submap_ = 0;
   std::int64_t behind_since_us_ = 0;  // the back-end has less than it confirmed, since
   std::int64_t over_since_us_ = 0;

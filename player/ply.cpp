@@ -124,6 +124,7 @@ void parse_ply(std::string_view bytes, const std::string& path, PointFile& out) 
              std::to_string(vertex->stride) + " bytes, the file has " + std::to_string(bytes.size()) +
              " bytes of data",
          path);
+  if (vertex->n == 0) return read_points({}, 0, out);
   PointColumns c;
   for (std::size_t i = 0; i < width; ++i) {
     const Property& p = vertex->properties[i];

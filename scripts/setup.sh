@@ -1,16 +1,18 @@
 #!/usr/bin/env bash
 # Installs what is missing (Debian packages only) and builds everything into build/.
-#   scripts/setup.sh [--build DIR] [-DOPTION=VALUE ...]      e.g. -DHP2_NATIVE=ON
+#   scripts/setup.sh [--build DIR] [--fuzz] [-DOPTION=VALUE ...]      e.g. -DHP2_NATIVE=ON
+# --fuzz also installs clang, which the fuzz targets need.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-build=build
+build=build fuzz=0
 options=()
 while [ $# -gt 0 ]; do
   case $1 in
     --build) build=${2:?--build needs a folder} && shift 2 ;;
+    --fuzz) fuzz=1 && shift ;;
     -D*) options+=("$1") && shift ;;
-    -h | --help) sed -n '2,3s/^# \{0,1\}//p' "$0" && exit 0 ;;
+    -h | --help) sed -n '2,4s/^# \{0,1\}//p' "$0" && exit 0 ;;
     *) echo "setup.sh: unknown option $1" >&2 && exit 2 ;;
   esac
 done
@@ -18,6 +20,7 @@ done
 packages=(build-essential cmake ninja-build liblcm-dev liblcm-bin libeigen3-dev libopencv-dev libceres-dev
   libspdlog-dev libgtest-dev libgmock-dev libtbb-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev
   sqlite3 libbenchmark-dev robin-map-dev libjs-chart.js python3 iproute2)
+[ "$fuzz" = 0 ] || packages+=(clang-14 libclang-rt-14-dev)
 missing=()
 for package in "${packages[@]}"; do
   dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$package")

@@ -20,7 +20,7 @@ esac
 run() { ctest --test-dir "$1" --output-on-failure --no-tests=error -j "$(nproc)" "${@:2}"; }
 
 if [ "$sanitize" = 1 ]; then
-  scripts/setup.sh --build build-asan -DHP2_SANITIZE=address,undefined -DCMAKE_BUILD_TYPE=RelWithDebInfo
+  scripts/setup.sh --fuzz --build build-asan -DHP2_SANITIZE=address,undefined -DCMAKE_BUILD_TYPE=RelWithDebInfo
   UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 run build-asan -L "unit|fuzz" "$@"
 fi
 if [ "$tsan" = 1 ]; then

@@ -35,7 +35,8 @@ std::vector<double> numbers(const std::string& line, const std::string& place) {
     const double value = std::strtod(p, &end);
     const bool separated = *end == '\0' || *end == ' ' || *end == '\t' || *end == ',' || *end == '\r';
     if (end == p || !separated || !std::isfinite(value) || values.size() == kMostNumbersALine) {
-      const std::string word(p, std::min<std::size_t>(std::string(p).find_first_of(" \t,\r"), 24));
+      const std::string rest(p);
+      const std::string word = rest.substr(0, std::min<std::size_t>(rest.find_first_of(" \t,\r"), 24));
       throw Error("\"" + word + "\" is not a finite number that belongs here", place,
                   "A trajectory has 12 numbers a line (KITTI) or 8 (TUM: t x y z qx qy qz qw).");
     }

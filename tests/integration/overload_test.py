@@ -29,7 +29,7 @@ def make_drive(folder, scans):
     """The same 50 places to and fro, by links."""
     (folder / "velodyne").mkdir(parents=True)
     for k in range(PLACES):
-        (folder / f"place{k}.bin").write_bytes(make_scan(0.05 * k))
+        (folder / f"place{k}.bin").write_bytes(make_scan(0.004 * k))
     for i in range(scans):
         k = i % (2 * PLACES - 2)
         os.symlink(folder / f"place{min(k, 2 * PLACES - 2 - k)}.bin", folder / "velodyne" / f"{i:06d}.bin")
