@@ -11,6 +11,7 @@ while [ $# -gt 0 ]; do
   case $1 in
     --build) build=${2:?--build needs a folder} && shift 2 ;;
     --fuzz) fuzz=1 && shift ;;
+    --targets) targets=${2:?--targets needs names} && shift 2 ;;
     -D*) options+=("$1") && shift ;;
     -h | --help) sed -n '2,4s/^# \{0,1\}//p' "$0" && exit 0 ;;
     *) echo "setup.sh: unknown option $1" >&2 && exit 2 ;;
@@ -37,4 +38,5 @@ if [ ${#missing[@]} -gt 0 ]; then
 fi
 
 cmake -S . -B "$build" -G Ninja ${options[@]+"${options[@]}"}
-cmake --build "$build" --parallel "$(nproc)"
+# shellcheck disable=SC2086  # several names in one word
+cmake --build "$build" --parallel "$(nproc)" --target $targets
