@@ -32,6 +32,7 @@ double robust_weight(double squared_error, double c2) {
   return c2 / (d * d);
 }
 
+constexpr float kEmptyMove = 0.2F;  // of a voxel
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
 
@@ -69,20 +70,21 @@ Step solve(const Matrix6d& information, const Vector6d& gradient, double lever, 
 }  // namespace
 
 void HybridIcp::search(const LocalMap& map, const std::vector<Eigen::Vector3f>& source,
-                       const Pose& local_from_source, double max_distance, const Parallel& parallel) {
+                       const Pose& local_from_source, const Parallel& parallel) {
   const Eigen::Matrix3f r = local_from_source.rotation.toRotationMatrix().cast<float>();
   const Eigen::Vector3f t = local_from_source.translation.cast<float>();
   const auto edge = static_cast<float>(map.voxel_size_m());
   const float inverse_edge = 1.0F / edge;
-  const auto limit = static_cast<float>(max_distance);
   parallel.for_blocks(source.size(), kBlock, [&](std::size_t, std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       Correspondence& c = correspondences_[i];
       const Eigen::Vector3f p = r * source[i] + t;
       if (c.other_distance >= 0.0F) {
-        // The last answer stands while no other point can have become nearer than the one it named.
+        // The last answer stands while no other point can have become nearer than the one it named; that
+        // there was none stands until the point has moved by a part of a voxel.
         const float moved = (p - c.searched_at).norm();
-        const float distance = c.voxel >= 0 ? (p - c.target).norm() : limit;
+        if (c.voxel < 0 && moved < kEmptyMove * edge) continue;
+        const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
         if (distance <= c.other_distance - moved) continue;
       }
       VoxelPoint at;
@@ -222,7 +224,7 @@ IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& so
   Matrix6d information = Matrix6d::Zero();
   for (result.iterations = 1; result.iterations <= config_.max_iterations; ++result.iterations) {
     watch.lap();
-    search(map, source, local, max_distance, parallel);
+    search(map, source, local, parallel);
     result.ms_search += watch.lap();
     classify(map, parallel);
     result.ms_planarity += watch.lap();

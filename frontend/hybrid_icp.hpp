@@ -95,7 +95,7 @@ class HybridIcp {
   };
 
   void search(const LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& local_from_source,
-              double max_distance, const Parallel& parallel);
+              const Parallel& parallel);
   void classify(LocalMap& map, const Parallel& parallel);
   NormalEquations accumulate(const std::vector<Eigen::Vector3f>& source, const Pose& local_from_source,
                              double sigma, double max_distance, const Parallel& parallel);
