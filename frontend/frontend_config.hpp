@@ -20,7 +20,7 @@ struct FrontendConfig {
   int max_points_per_voxel = 5;
   double min_spacing_m = 0.3;
   double map_point_voxel_m = 0.3;
-  double source_voxel_m = 0.9;
+  double source_voxel_m = 1.0;
   double tau_ref = 0.2;
   double n_ref = 27.0;
   double tau_min = 0.05;
