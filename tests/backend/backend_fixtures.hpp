@@ -1,35 +1,15 @@
 // Submaps and folders for the back-end's tests.
 #pragma once
 #include <cmath>
-#include <filesystem>
 #include <random>
 #include <string>
-#include <unistd.h>
 
 #include "common/submap.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace hp2::testing {
 
-/// A folder of its own, removed at the end.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "hp2_backend_XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  ~TemporaryFolder() {
-    std::error_code ec;
-    std::filesystem::permissions(path_, std::filesystem::perms::owner_all, ec);
-    std::filesystem::remove_all(path_, ec);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  std::string path() const { return path_; }
-  std::string file() const { return path_ + "/session.sqlite"; }
-
- private:
-  std::string path_;
-};
+using test::TemporaryFolder;
 
 /// A submap of random points, `n_scans` scans in a gentle turn, its keypose where `odom_from_submap` says.
 inline Submap random_submap(std::int64_t id, const Pose& odom_from_submap, int n_points = 1000,

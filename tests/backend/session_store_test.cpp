@@ -170,7 +170,7 @@ TEST(SessionStore, KilledAtAnyMomentTheSessionIsWholeUpToTheLastCommit) {
     close(committed[0]);
 
     ASSERT_GE(told, wanted);
-    EXPECT_EQ(integrity(folder.file()), "ok");
+    EXPECT_EQ(integrity(folder / "session.sqlite"), "ok");
     SessionStore store(folder.path());
     ASSERT_GE(store.submap_count(), told);
     EXPECT_LE(store.submap_count(), told + 1);
@@ -196,7 +196,7 @@ TEST(SessionStore, AFullDiskIsSaidAndNothingStoredIsLost) {
   ASSERT_LT(n, 20);
   EXPECT_EQ(backend.graph().map_from_submap.size(), static_cast<std::size_t>(n));
   EXPECT_EQ(store.read_submap(n - 1).points, chain[n - 1].points);
-  EXPECT_EQ(integrity(folder.file()), "ok");
+  EXPECT_EQ(integrity(folder / "session.sqlite"), "ok");
   // Space is made: the same submap is sent again and all goes on.
   store.limit_size(0);
   store_all(backend, chain);
@@ -232,7 +232,8 @@ TEST(SessionStore, AReadOnlyFolderIsReadAndWritingToItIsRefusedWithAMessage) {
     Backend backend({}, store);
     store_all(backend, random_chain(2));
   }
-  fs::permissions(folder.file(), fs::perms::owner_read | fs::perms::group_read | fs::perms::others_read);
+  fs::permissions(folder / "session.sqlite",
+                  fs::perms::owner_read | fs::perms::group_read | fs::perms::others_read);
   fs::permissions(folder.path(), fs::perms::owner_read | fs::perms::owner_exec | fs::perms::others_read |
                                      fs::perms::others_exec);
   const std::string path = folder.path();
@@ -262,7 +263,7 @@ TEST(SessionStore, ADamagedFileIsSaidWhereverTheDamageIs) {
   }
   std::string whole;
   {
-    std::ifstream in(folder.file(), std::ios::binary);
+    std::ifstream in(folder / "session.sqlite", std::ios::binary);
     whole.assign(std::istreambuf_iterator<char>(in), {});
   }
   std::mt19937 rng(3);
@@ -275,7 +276,7 @@ TEST(SessionStore, ADamagedFileIsSaidWhereverTheDamageIs) {
     if (round == 1) bad = whole.substr(0, whole.size() / 2);
     if (round == 2)
       bad = "not a database at all, but long enough to be looked at by SQLite: " + std::string(2000, 'x');
-    std::ofstream(folder.file(), std::ios::binary | std::ios::trunc) << bad;
+    std::ofstream(folder / "session.sqlite", std::ios::binary | std::ios::trunc) << bad;
     // Either it is refused with a message or what is read is what was stored: never a crash, never other
     // points.
     const std::string said = error_of([&] {
@@ -297,14 +298,14 @@ TEST(SessionStore, AnotherVersionAndAnotherProgramsFileAreRefused) {
   TemporaryFolder folder;
   { SessionStore store(folder.path()); }
   {
-    sqlite::Database db(folder.file(), sqlite::Database::Mode::kReadWriteCreate);
+    sqlite::Database db(folder / "session.sqlite", sqlite::Database::Mode::kReadWriteCreate);
     db.execute("PRAGMA user_version = 99");
   }
   EXPECT_THAT(error_of([&] { SessionStore store(folder.path()); }), HasSubstr("version 99"));
   EXPECT_THAT(error_of([&] { SessionStore store(folder.path(), Access::kReadOnly); }),
               HasSubstr("version 99"));
   {
-    sqlite::Database db(folder.file(), sqlite::Database::Mode::kReadWriteCreate);
+    sqlite::Database db(folder / "session.sqlite", sqlite::Database::Mode::kReadWriteCreate);
     db.execute("PRAGMA application_id = 1");
   }
   EXPECT_THAT(error_of([&] { SessionStore store(folder.path()); }), HasSubstr("no session of this program"));

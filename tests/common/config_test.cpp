@@ -1,12 +1,10 @@
 #include "common/config.hpp"
 
-#include <filesystem>
-#include <fstream>
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "common/error.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace hp2 {
 namespace {
@@ -26,9 +24,8 @@ class ConfigTest : public ::testing::Test {
     config.ignore({"backend"});
   }
   void load(const std::string& text) {
-    const auto path = std::filesystem::path(::testing::TempDir()) / "hp2_config_test.yaml";
-    std::ofstream(path) << text;
-    config.load(path.string());
+    const test::TemporaryFolder folder;
+    config.load(folder.write("config.yaml", text));
   }
   std::string error_of(const std::string& text) {
     try {

@@ -2,7 +2,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 #include <sys/wait.h>
 
 #include <gmock/gmock.h>
@@ -13,18 +12,14 @@
 #include "common/drawing/chart.hpp"
 #include "common/error.hpp"
 #include "common/evaluation/score_table.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace hp2 {
 namespace {
 
+using test::content;
 using ::testing::HasSubstr;
 namespace fs = std::filesystem;
-
-std::string content(const fs::path& path) {
-  std::ostringstream text;
-  text << std::ifstream(path, std::ios::binary).rdbuf();
-  return text.str();
-}
 
 class Program : public ::testing::Test {
  protected:

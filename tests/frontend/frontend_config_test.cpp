@@ -2,14 +2,13 @@
 #include "frontend/frontend_config.hpp"
 
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "frontend/frontend.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace hp2 {
 namespace {
@@ -22,9 +21,8 @@ FrontendConfig load(const std::string& text) {
   FrontendConfig c;
   Config config;
   config.add(frontend_section(c));
-  const auto path = std::filesystem::path(::testing::TempDir()) / "hp2_frontend_config_test.yaml";
-  std::ofstream(path) << text;
-  config.load(path.string());
+  const test::TemporaryFolder folder;
+  config.load(folder.write("config.yaml", text));
   return c;
 }
 

@@ -15,7 +15,7 @@ using test::bin_of;
 using test::error_of;
 using test::make_points;
 using test::put;
-using test::TempFolder;
+using test::TemporaryFolder;
 using ::testing::HasSubstr;
 
 SourceOptions dataset(const std::string& name) {
@@ -27,7 +27,7 @@ SourceOptions dataset(const std::string& name) {
 // ---------------------------------------------------------------- KITTI raw
 
 /// Four scans at 10 Hz, number 2 missing; the car drives east at 10 m/s with the LiDAR 0.8 m before the IMU.
-void write_kitti_raw(const TempFolder& folder) {
+void write_kitti_raw(const TemporaryFolder& folder) {
   const std::string drive = "2011_09_26/2011_09_26_drive_0009_sync/";
   const std::string points = drive + "velodyne_points/";
   std::string start, middle, end, oxts;
@@ -55,7 +55,7 @@ void write_kitti_raw(const TempFolder& folder) {
 }
 
 TEST(KittiRaw, PointsTimesAndPoses) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_kitti_raw(folder);
   const auto source = open_source(folder / "2011_09_26/2011_09_26_drive_0009_sync");
   EXPECT_EQ(source->info().format, "kitti-raw");
@@ -79,7 +79,7 @@ TEST(KittiRaw, PointsTimesAndPoses) {
 }
 
 TEST(KittiRaw, TextScansAndMissingFiles) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_kitti_raw(folder);
   const std::string drive = folder / "2011_09_26/2011_09_26_drive_0009_sync";
   std::filesystem::remove_all(drive + "/velodyne_points/data");
@@ -111,7 +111,7 @@ TEST(KittiRaw, TextScansAndMissingFiles) {
 // ---------------------------------------------------------------- MulRan
 
 TEST(MulRan, PointsTimesAndPoses) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const Scan whole = make_points(65536);
   folder.write("KAIST01/Ouster/1561000444390857630.bin", bin_of(whole));
   folder.write("KAIST01/Ouster/1561000444490857630.bin", bin_of(make_points(100)));
@@ -147,7 +147,7 @@ TEST(MulRan, PointsTimesAndPoses) {
 }
 
 TEST(MulRan, Damage) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("Ouster/1561000444390857630.bin", bin_of(make_points(10)) + "x");
   folder.write("Ouster/not_a_time.bin", "");
   const auto source = open_source(folder.path());
@@ -190,7 +190,7 @@ class HeliprTest : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(HeliprTest, PointsTimesAndPoses) {
   const std::string sensor = GetParam();
-  const TempFolder folder;
+  const TemporaryFolder folder;
   // The Aeva's records change after 1691936557946849179.
   const std::int64_t first = 1691936557846849179;
   std::string truth;
@@ -228,7 +228,7 @@ TEST_P(HeliprTest, PointsTimesAndPoses) {
 
 TEST_P(HeliprTest, Damage) {
   const std::string sensor = GetParam();
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::vector<double> time_s(250'000, 0.05);
   const std::string good =
       helipr_bytes(sensor, make_points(10), {0, .01, .02, .03, .04, .05, .06, .07, .08, .1}, false);
@@ -252,7 +252,7 @@ INSTANTIATE_TEST_SUITE_P(AllSensors, HeliprTest, ::testing::Values("Ouster", "Av
                          [](const auto& parameter) { return parameter.param; });
 
 TEST(Helipr, SeveralSensorsMustBeChosenFrom) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const std::string sensor : {"Avia", "Aeva"})
     folder.write("LiDAR/" + sensor + "/1691936558000000000.bin",
                  helipr_bytes(sensor, make_points(3), {0, 0.05, 0.1}, false));
@@ -264,7 +264,7 @@ TEST(Helipr, SeveralSensorsMustBeChosenFrom) {
 }
 
 TEST(Helipr, NegativeTimesBeginTheSweepBeforeTheStamp) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (int k = 0; k < 3; ++k)
     folder.write("LiDAR/Velodyne/" + std::to_string(1691936558000000000 + k * 100'000'000LL) + ".bin",
                  helipr_bytes("Velodyne", make_points(3), {-0.1, -0.05, 0.0}, false));
@@ -291,7 +291,7 @@ std::string apollo_pcd(const Scan& s) {
 }
 
 TEST(Apollo, PointsTimesAndPoses) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::string truth;
   for (int k = 1; k <= 12; ++k) {
     folder.write("pcds/" + std::to_string(k) + ".pcd", apollo_pcd(make_points(k == 3 ? 250'000 : 10, k)));
@@ -319,7 +319,7 @@ TEST(Apollo, PointsTimesAndPoses) {
 }
 
 TEST(Apollo, Damage) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("pcds/1.pcd", apollo_pcd(make_points(10)).substr(0, 250));
   folder.write("pcds/2.pcd", apollo_pcd(make_points(10)));
   const auto source = open_source(folder.path());

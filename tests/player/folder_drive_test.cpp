@@ -18,12 +18,12 @@ using test::error_of;
 using test::make_points;
 using test::number;
 using test::pose_line;
-using test::TempFolder;
+using test::TemporaryFolder;
 using ::testing::HasSubstr;
 
 /// A generic drive of n scans at 10 Hz, with times in the sweep if wanted; the sensor moves 1 m a scan along
 /// x.
-void write_generic(const TempFolder& folder, std::size_t n, bool ptimes) {
+void write_generic(const TemporaryFolder& folder, std::size_t n, bool ptimes) {
   std::string times, poses;
   for (std::size_t i = 0; i < n; ++i) {
     const Scan scan = make_points(5 + i, static_cast<int>(i));
@@ -39,7 +39,7 @@ void write_generic(const TempFolder& folder, std::size_t n, bool ptimes) {
 }
 
 TEST(FolderDrive, GenericWithoutTimesInSweep) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_generic(folder, 4, false);
   const auto source = open_source(folder.path());
   EXPECT_EQ(source->info().format, "generic");
@@ -58,7 +58,7 @@ TEST(FolderDrive, GenericWithoutTimesInSweep) {
 }
 
 TEST(FolderDrive, TimesInSweepMakeStartsAndGroundTruthAtTheEnd) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_generic(folder, 4, true);
   const auto source = open_source(folder.path());
   const Scan scan = source->read(2);
@@ -76,7 +76,7 @@ TEST(FolderDrive, TimesInSweepMakeStartsAndGroundTruthAtTheEnd) {
 }
 
 TEST(FolderDrive, FirstCountStrideKeepTheSweepsLength) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_generic(folder, 20, true);
   SourceOptions options;
   options.first = 2;
@@ -94,7 +94,7 @@ TEST(FolderDrive, FirstCountStrideKeepTheSweepsLength) {
 }
 
 TEST(FolderDrive, DroppedScansDoNotStretchTheSweep) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::string times;
   for (std::size_t i = 0, k = 0; i < 40; ++i) {
     if (i % 3 == 2) continue;
@@ -108,7 +108,7 @@ TEST(FolderDrive, DroppedScansDoNotStretchTheSweep) {
 }
 
 TEST(FolderDrive, KittiCorrectsAnglesAndTurnsGroundTruthIntoTheLidarFrame) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   // Camera: x right, y down, z forward; its origin 0.3 m behind and 0.1 m below the LiDAR's.
   folder.write("sequences/07/calib.txt", "P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 0 -1 0 0 0 0 -1 -0.1 1 0 0 0.3\n");
   folder.write("sequences/07/times.txt", "0\n1.037e-01\n");
@@ -146,7 +146,7 @@ TEST(FolderDrive, KittiCorrectsAnglesAndTurnsGroundTruthIntoTheLidarFrame) {
 }
 
 TEST(FolderDrive, MissingScansTakeTheLinesOfTheirNumbers) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const std::size_t i : {0U, 1U, 4U})
     folder.write("velodyne/" + number(i) + ".bin", bin_of(make_points(2)));
   folder.write("times.txt", "0\n0.1\n0.2\n0.3\n0.4\n");
@@ -159,7 +159,7 @@ TEST(FolderDrive, MissingScansTakeTheLinesOfTheirNumbers) {
 TEST(FolderDrive, BadTimesGiveTenHertzAndAWord) {
   for (const std::string times :
        {"0\n0.1\n0.05\n", "5\n5\n5\n", "0\nnan\n0.2\n", "0\ninf\n1\n", "0\n0.1\n1e300\n", ""}) {
-    const TempFolder folder;
+    const TemporaryFolder folder;
     write_generic(folder, 3, true);
     folder.write("times.txt", times);
     const auto source = open_source(folder.path());
@@ -171,7 +171,7 @@ TEST(FolderDrive, BadTimesGiveTenHertzAndAWord) {
 }
 
 TEST(FolderDrive, ShortOrBrokenPosesCoverWhatTheyCover) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_generic(folder, 4, false);
   folder.write("poses.txt", pose_line(0) + "nan 0 0 0 0 1 0 0 0 0 1 0\n" + pose_line(2));
   const auto source = open_source(folder.path());
@@ -183,7 +183,7 @@ TEST(FolderDrive, ShortOrBrokenPosesCoverWhatTheyCover) {
 }
 
 TEST(FolderDrive, WhatIsNotThereIsSaid) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   EXPECT_THAT(error_of([&] { open_source(folder / "nowhere"); }), HasSubstr("no such folder"));
   EXPECT_THAT(error_of([&] { open_source(folder.path()); }), HasSubstr("no scan"));
   std::filesystem::create_directories(folder / "velodyne");
@@ -195,7 +195,7 @@ TEST(FolderDrive, WhatIsNotThereIsSaid) {
 }
 
 TEST(FolderDrive, DamagedScans) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_generic(folder, 4, true);
   folder.write("velodyne/000001.bin", bin_of(make_points(3)).substr(0, 41));
   folder.write("velodyne/000002.bin", "");
@@ -214,14 +214,14 @@ TEST(FolderDrive, DamagedScans) {
 }
 
 TEST(FolderDrive, VelodyneFolderItself) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_generic(folder, 3, false);
   EXPECT_EQ(open_source(folder / "velodyne")->ground_truth().size(), 3U);
   EXPECT_EQ(open_source(folder / "velodyne/")->read(1).utime, 100'100'000);
 }
 
 TEST(FolderDrive, ScansOfAnySize) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("a2.bin", bin_of(make_points(10)));
   folder.write("a10.bin", bin_of(make_points(250'000)));
   const auto source = open_source(folder.path());

@@ -22,7 +22,7 @@ namespace {
 using test::error_of;
 using test::make_points;
 using test::put;
-using test::TempFolder;
+using test::TemporaryFolder;
 using ::testing::HasSubstr;
 
 template <typename T>
@@ -80,7 +80,7 @@ void expect_scan(const Scan& scan, const Scan& expected, std::int64_t sequence) 
 }
 
 TEST(LcmLog, WholeScans) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::string log;
   for (int k = 0; k < 3; ++k)
     log +=
@@ -95,7 +95,7 @@ TEST(LcmLog, WholeScans) {
 }
 
 TEST(LcmLog, PiecesInAnyOrderTwiceAndMissing) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto a = pieces_of(timed_scan(0, 100), 700);
   const auto b = pieces_of(timed_scan(1, 100), 700);
   const auto c = pieces_of(timed_scan(2, 100), 700);
@@ -112,7 +112,7 @@ TEST(LcmLog, PiecesInAnyOrderTwiceAndMissing) {
 }
 
 TEST(LcmLog, SeveralChannels) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("l.lcm",
                event("FRONT", encode_scan(timed_scan(0))) + event("REAR", encode_scan(timed_scan(1))));
   EXPECT_THAT(error_of([&] { open_source(folder / "l.lcm"); }), HasSubstr("FRONT, REAR"));
@@ -125,7 +125,7 @@ TEST(LcmLog, SeveralChannels) {
 }
 
 TEST(LcmLog, Damage) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::string one = event("HP2_SCAN", encode_scan(timed_scan(0)));
   const std::string two = event("HP2_SCAN", encode_scan(timed_scan(1)));
   folder.write("cut.lcm", one + two.substr(0, 80));
@@ -260,7 +260,7 @@ std::vector<std::pair<std::string, std::int64_t>> three_clouds() {
 }
 
 TEST(Rosbag, PointsAndTimes) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("drive.bag", bag(three_clouds()));
   const auto source = open_source(folder / "drive.bag");
   EXPECT_EQ(source->info().format, "rosbag");
@@ -277,7 +277,7 @@ TEST(Rosbag, PointsAndTimes) {
 }
 
 TEST(Rosbag, Topics) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("drive.bag", bag(three_clouds(), "none", "/rear"));
   EXPECT_THAT(error_of([&] { open_source(folder / "drive.bag"); }), HasSubstr("/points, /rear"));
   SourceOptions options;
@@ -292,7 +292,7 @@ TEST(Rosbag, Topics) {
 
 TEST(Rosbag, CompressedChunks) {
   for (const std::string compression : {"bz2", "lz4"}) {
-    const TempFolder folder;
+    const TemporaryFolder folder;
     folder.write("drive.bag", bag(three_clouds(), compression));
 #ifdef HP2_WITH_ROSBAG
     const auto source = open_source(folder / "drive.bag");
@@ -310,7 +310,7 @@ TEST(Rosbag, CompressedChunks) {
 }
 
 TEST(Rosbag, Damage) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   auto clouds = three_clouds();
   clouds[1].first = cloud(make_points(20, 1), kEpoch + 100'000, 1'000'000'000);
   folder.write("lie.bag", bag(clouds));
@@ -341,7 +341,7 @@ TEST(Rosbag, Damage) {
 }
 
 TEST(Rosbag, ManyAndFewPoints) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("drive.bag", bag({{cloud(make_points(250'000), kEpoch, 125'000), kEpoch + 1},
                                  {cloud(make_points(10), kEpoch + 100'000, 5), kEpoch + 100'001}}));
   const auto source = open_source(folder / "drive.bag");

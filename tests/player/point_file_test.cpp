@@ -267,7 +267,7 @@ TEST(Clock, UnitOfTimesInFields) {
 }
 
 TEST(Clock, PcdDriveWithTimeField) {
-  const test::TempFolder folder;
+  const test::TemporaryFolder folder;
   for (std::size_t i = 0; i < 3; ++i)
     folder.write(test::number(i) + ".pcd", pcd_header(11, "binary") + pcd_rows(make_points(11)));
   folder.write("times.txt", "10\n10.1\n10.2\n");

@@ -1,10 +1,7 @@
-// A folder that vanishes after the test, and writers of small files in the data sets' layouts.
+// Writers of small files in the data sets' layouts.
 #pragma once
 #include <cstdint>
-#include <cstdlib>
 #include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -12,35 +9,9 @@
 
 #include "common/error.hpp"
 #include "common/scan.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace hp2::test {
-
-/// A temporary folder; removed with everything in it at the end of the test.
-class TempFolder {
- public:
-  TempFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "hp2_player_XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  TempFolder(const TempFolder&) = delete;
-  TempFolder& operator=(const TempFolder&) = delete;
-  ~TempFolder() {
-    std::error_code error;
-    std::filesystem::remove_all(path_, error);
-  }
-  const std::string& path() const { return path_; }
-  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-
-  /// Writes a file, making its folders.
-  void write(const std::string& name, const std::string& bytes) const {
-    const std::filesystem::path file = path_ + "/" + name;
-    std::filesystem::create_directories(file.parent_path());
-    std::ofstream(file, std::ios::binary) << bytes;
-  }
-
- private:
-  std::string path_;
-};
 
 /// Little-endian bytes of a value, appended.
 template <typename T>
