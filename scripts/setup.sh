@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # Installs what is missing (Debian packages only) and builds everything into build/.
-#   scripts/setup.sh [--build DIR] [--fuzz] [-DOPTION=VALUE ...]      e.g. -DHP2_NATIVE=ON
+#   scripts/setup.sh [--build DIR] [--targets "NAME ..."] [--fuzz] [-DOPTION=VALUE ...]      e.g. -DHP2_NATIVE=ON
 # --fuzz also installs clang, which the fuzz targets need.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-build=build fuzz=0
+build=build fuzz=0 targets=all
 options=()
 while [ $# -gt 0 ]; do
   case $1 in
