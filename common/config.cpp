@@ -40,7 +40,8 @@ T convert(const YAML::Node& node, const std::string& where, const std::string& t
   try {
     return node.as<T>();
   } catch (const YAML::Exception&) {
-    throw Error("the value is not " + type, where, "Write " + type + " there, or leave the key out for its default.");
+    throw Error("the value is not " + type, where,
+                "Write " + type + " there, or leave the key out for its default.");
   }
 }
 
@@ -77,7 +78,8 @@ std::string nearest_word(const std::string& word, const std::vector<std::string>
   return best == known.end() ? std::string() : *best;
 }
 
-void ConfigSection::add(const std::string& key, double& value, const std::string& doc, double min, double max) {
+void ConfigSection::add(const std::string& key, double& value, const std::string& doc, double min,
+                        double max) {
   constexpr double kInf = std::numeric_limits<double>::infinity();
   fields_.push_back({key, doc, range_text(min, max, -kInf, kInf),
                      [&value, min, max](const YAML::Node& n, const std::string& where) {
@@ -112,7 +114,8 @@ void ConfigSection::add(const std::string& key, std::string& value, const std::s
   fields_.push_back({key, doc, join(choices),
                      [&value, choices](const YAML::Node& n, const std::string& where) {
                        const auto v = convert<std::string>(n, where, "a word");
-                       if (!choices.empty() && std::find(choices.begin(), choices.end(), v) == choices.end()) {
+                       if (!choices.empty() &&
+                           std::find(choices.begin(), choices.end(), v) == choices.end()) {
                          throw Error("the value \"" + v + "\" is not known", where,
                                      "Did you mean \"" + nearest_word(v, choices) +
                                          "\"? The choices are: " + join(choices) + ".");
@@ -138,8 +141,25 @@ void Config::load(const std::string& path) {
   }
   if (root.IsNull()) return;
   if (!root.IsMap()) {
-    throw Error("the configuration is not a map of sections", path, "Write \"section:\" lines with keys below them.");
+    throw Error("the configuration is not a map of sections", path,
+                "Write \"section:\" lines with keys below them.");
   }
+  apply(root, [&path](const YAML::Node& node) { return line_of(path, node); });
+}
+
+void Config::set(const std::string& assignment) {
+  const std::size_t dot = assignment.find('.'), equals = assignment.find('=');
+  if (equals == std::string::npos || dot == std::string::npos || dot == 0 || dot + 1 >= equals) {
+    throw Error("the assignment is not understood", assignment,
+                "Write section.key=value, e.g. frontend.max_range_m=80.");
+  }
+  YAML::Node section, root;
+  section[assignment.substr(dot + 1, equals - dot - 1)] = assignment.substr(equals + 1);
+  root[assignment.substr(0, dot)] = section;
+  apply(root, [&assignment](const YAML::Node&) { return assignment; });
+}
+
+void Config::apply(const YAML::Node& root, const std::function<std::string(const YAML::Node&)>& where) {
   std::vector<std::string> names = ignored_;
   for (const auto& s : sections_) names.push_back(s.name_);
   for (const auto& entry : root) {
@@ -148,12 +168,12 @@ void Config::load(const std::string& path) {
         std::find_if(sections_.begin(), sections_.end(), [&](const auto& s) { return s.name_ == name; });
     if (section == sections_.end()) {
       if (std::find(ignored_.begin(), ignored_.end(), name) != ignored_.end()) continue;
-      throw Error("unknown section \"" + name + "\"", line_of(path, entry.first),
+      throw Error("unknown section \"" + name + "\"", where(entry.first),
                   "Did you mean \"" + nearest_word(name, names) + "\"?");
     }
     if (entry.second.IsNull()) continue;
     if (!entry.second.IsMap()) {
-      throw Error("section \"" + name + "\" is not a map", line_of(path, entry.first),
+      throw Error("section \"" + name + "\" is not a map", where(entry.first),
                   "Write \"key: value\" lines, indented below it.");
     }
     for (const auto& item : entry.second) {
@@ -163,10 +183,10 @@ void Config::load(const std::string& path) {
       if (field == section->fields_.end()) {
         std::vector<std::string> keys;
         for (const auto& f : section->fields_) keys.push_back(f.key);
-        throw Error("unknown key \"" + name + "." + key + "\"", line_of(path, item.first),
+        throw Error("unknown key \"" + name + "." + key + "\"", where(item.first),
                     "Did you mean \"" + name + "." + nearest_word(key, keys) + "\"?");
       }
-      field->read(item.second, line_of(path, item.first) + ", key \"" + name + "." + key + "\"");
+      field->read(item.second, where(item.first) + ", key \"" + name + "." + key + "\"");
     }
   }
 }

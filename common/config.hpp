@@ -1,5 +1,6 @@
-// One YAML file configures every process: sections of named values, each with a default, a range and a word of
-// documentation beside the struct that holds it. An unknown key is an error that names the nearest known one.
+// One YAML file configures every process: sections of named values, each with a default, a range and a word
+// of documentation beside the struct that holds it. An unknown key is an error that names the nearest known
+// one.
 #pragma once
 #include <functional>
 #include <limits>
@@ -18,7 +19,8 @@ class ConfigSection {
  public:
   explicit ConfigSection(std::string name) : name_(std::move(name)) {}
 
-  /// Bind a key. `doc` says what it is, with its unit. A value outside [min, max] (or not among `choices`) is an error.
+  /// Bind a key. `doc` says what it is, with its unit. A value outside [min, max] (or not among `choices`) is
+  /// an error.
   void add(const std::string& key, double& value, const std::string& doc,
            double min = -std::numeric_limits<double>::infinity(),
            double max = std::numeric_limits<double>::infinity());
@@ -48,13 +50,18 @@ class Config {
   /// Declares sections of other programs of this project: their keys are left alone.
   void ignore(const std::vector<std::string>& section_names);
   /// Reads `path` into the bound values. Values that the file does not name keep their defaults.
-  /// @throws Error naming file, line and key for a file that cannot be read, is not YAML, has an unknown key, or a
+  /// @throws Error naming file, line and key for a file that cannot be read, is not YAML, has an unknown key,
+  /// or a
   ///         value of the wrong type or out of range.
   void load(const std::string& path);
+  /// Sets one value from "section.key=value", as a line of a file would. @throws Error likewise
+  void set(const std::string& assignment);
   /// The present values as a documented YAML file (comments carry documentation and ranges).
   std::string print() const;
 
  private:
+  void apply(const YAML::Node& root, const std::function<std::string(const YAML::Node&)>& where);
+
   std::vector<ConfigSection> sections_;
   std::vector<std::string> ignored_;
 };

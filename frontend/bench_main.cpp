@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -12,7 +13,7 @@
 
 #include "common/config.hpp"
 #include "common/error.hpp"
-#include "common/evaluation/trajectory.hpp"
+#include "common/evaluation/metrics.hpp"
 #include "common/program.hpp"
 #include "frontend/frontend.hpp"
 #include "player/scan_source.hpp"
@@ -22,15 +23,16 @@ namespace {
 
 struct Options {
   std::string data, dataset, mode, config, poses, json;
+  std::vector<std::string> settings;
   int threads = 2;
   std::size_t first = 0, count = 0, stride = 1;
 };
 
-struct Statistics {
+struct StageStatistics {
   double mean = 0.0, median = 0.0, p99 = 0.0;
 };
 
-Statistics statistics(std::vector<double> values) {
+StageStatistics stage_statistics(std::vector<double> values) {
   if (values.empty()) return {};
   std::sort(values.begin(), values.end());
   double sum = 0.0;
@@ -40,12 +42,38 @@ Statistics statistics(std::vector<double> values) {
           values[static_cast<std::size_t>(std::lround(0.99 * last))]};
 }
 
+/// ATE and KITTI drift of the poses that the drive has ground truth for; null if these are fewer than 3.
+nlohmann::ordered_json score(const ScanSource& source, const std::vector<Pose>& poses,
+                             const std::vector<std::int64_t>& ends_us) {
+  std::map<std::int64_t, Pose> truth;
+  for (const StampedPose& p : source.ground_truth()) truth[p.utime] = p.pose;
+  std::vector<Pose> reference, estimate;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const auto match = truth.find(ends_us[i]);
+    if (match == truth.end()) continue;
+    reference.push_back(match->second);
+    estimate.push_back(poses[i]);
+  }
+  if (reference.size() < 3) return nullptr;
+  const Trajectory a = make_trajectory(reference), b = make_trajectory(estimate);
+  try {
+    auto scores = to_json(evaluate(a, b, Alignment::kSe3));
+    scores["alignment"] = "se3";
+    return scores;
+  } catch (const Error&) {  // a drive along one straight line does not fix the rotation
+    auto scores = to_json(evaluate(a, b, Alignment::kOrigin));
+    scores["alignment"] = "origin";
+    return scores;
+  }
+}
+
 int run(const Options& options) {
   FrontendConfig settings;
   Config config;
   config.add(frontend_section(settings));
   config.ignore({"player", "backend", "viewer"});
   if (!options.config.empty()) config.load(options.config);
+  for (const auto& assignment : options.settings) config.set(assignment);
   if (!options.mode.empty()) settings.mode = options.mode;
 
   SourceOptions source_options;
@@ -63,12 +91,14 @@ int run(const Options& options) {
   Frontend frontend(settings, options.threads);
   std::vector<std::vector<double>> ms(6);
   std::vector<Pose> poses;
+  std::vector<std::int64_t> ends_us;
   double points = 0.0, iterations = 0.0;
   int degenerate = 0, lost = 0;
   for (std::size_t i = 0; i < source->size(); ++i) {
     const FrontendOutput out = frontend.process(source->read(i));
     for (std::size_t s = 0; s < ms.size(); ++s) ms[s].push_back(out.odometry.diagnostics.ms[s]);
     poses.push_back(out.odometry.odom_from_sensor);
+    ends_us.push_back(out.odometry.utime);
     points += out.odometry.n_points;
     iterations += out.odometry.diagnostics.iterations;
     degenerate += out.odometry.state == TrackingState::kDegenerate ? 1 : 0;
@@ -83,12 +113,23 @@ int run(const Options& options) {
   std::printf("%-17s %9s %9s %9s   (ms a scan, reading excluded)\n", "", "mean", "median", "p99");
   nlohmann::ordered_json report{{"scans", poses.size()}, {"threads", options.threads}};
   for (const auto& [name, index] : stages) {
-    const Statistics s = statistics(ms[index]);
+    const StageStatistics s = stage_statistics(ms[index]);
     std::printf("%-17s %9.3f %9.3f %9.3f\n", name.c_str(), s.mean, s.median, s.p99);
     report[name] = {{"mean", s.mean}, {"median", s.median}, {"p99", s.p99}};
   }
   std::printf("iterations %.1f a scan; degenerate %d, lost %d; peak memory %.0f MB\n", iterations / scans,
               degenerate, lost, peak_memory_mb());
+  const nlohmann::ordered_json accuracy = score(*source, poses, ends_us);
+  if (!accuracy.is_null()) {
+    std::printf("ATE %.3f m (RMSE, %s alignment, %zu poses)", accuracy["ate"]["rmse"].get<double>(),
+                accuracy["alignment"].get<std::string>().c_str(), accuracy["ate"]["n"].get<std::size_t>());
+    if (accuracy["kitti"]["t_percent"].is_number()) {
+      std::printf("; KITTI drift %.3f %%, %.3f deg/100 m", accuracy["kitti"]["t_percent"].get<double>(),
+                  accuracy["kitti"]["r_deg_per_100m"].get<double>());
+    }
+    std::printf("\n");
+  }
+  report["accuracy"] = accuracy;
   report["mode"] = settings.mode;
   report["data"] = source->info().name;
   report["points_per_scan"] = points / scans;
@@ -130,6 +171,12 @@ int main(int argc, char** argv) {
   app.add_option("--stride", options.stride, "Take every N-th scan")->check(CLI::PositiveNumber);
   app.add_option("--dataset", options.dataset, "Format (default: recognised from the folder)");
   app.add_option("--config", options.config, "YAML file with a section \"frontend\"");
+  app.add_option(
+         "--set", options.settings,
+         "One setting, over the file's: section.key=value, e.g. frontend.tau_ref=0.1; may be given again")
+      ->type_name("KEY=VALUE")
+      ->take_all()
+      ->expected(1);
   app.add_option("--out", options.poses, "Write the poses (KITTI format, sensor at sweep end)");
   app.add_option("--json", options.json, "Write the figures as JSON");
   app.set_version_flag("--version", hp2::version());

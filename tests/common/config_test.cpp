@@ -43,6 +43,31 @@ class ConfigTest : public ::testing::Test {
   Config config;
 };
 
+TEST_F(ConfigTest, AnAssignmentIsALineOfAFile) {
+  load("frontend:\n  voxel_size_m: 0.5\n");
+  config.set("frontend.voxel_size_m=0.25");
+  config.set("frontend.deskew=false");
+  config.set("frontend.mode=point_to_point");
+  config.set("backend.whatever=1");  // another program's
+  EXPECT_EQ(voxel_size_m, 0.25);
+  EXPECT_FALSE(deskew);
+  EXPECT_EQ(mode, "point_to_point");
+  const auto message = [&](const std::string& assignment) -> std::string {
+    try {
+      config.set(assignment);
+    } catch (const Error& e) {
+      return e.what();
+    }
+    return "no error";
+  };
+  EXPECT_THAT(message("frontend.voxel_size=1"), HasSubstr("Did you mean \"frontend.voxel_size_m\"?"));
+  EXPECT_THAT(message("frontend.voxel_size_m=100"), HasSubstr("out of range"));
+  EXPECT_THAT(message("frontend.max_iterations=many"), HasSubstr("frontend.max_iterations=many"));
+  for (const char* wrong : {"", "frontend", "frontend.=1", "voxel_size_m=1", ".a=1", "a=1.5"})
+    EXPECT_THAT(message(wrong), HasSubstr("section.key=value")) << wrong;
+  EXPECT_EQ(voxel_size_m, 0.25);
+}
+
 TEST_F(ConfigTest, ReadsValuesAndKeepsDefaults) {
   load("frontend:\n  voxel_size_m: 0.5\n  mode: point_to_point\nbackend:\n  whatever: 1\n");
   EXPECT_EQ(voxel_size_m, 0.5);
