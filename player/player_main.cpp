@@ -1,5 +1,6 @@
 // hp2_player: plays a logged or synthetic drive to the front-end.
 #include "common/error.hpp"
+#include "common/evaluation/trajectory.hpp"
 #include "common/program.hpp"
 #include "common/transport/lcm_bus.hpp"
 #include "common/transport/process.hpp"
@@ -24,11 +25,25 @@ double parse_rate(const std::string& text) {
   return rate;
 }
 
+void write_ground_truth(const hp2::ScanSource& source, const std::string& path) {
+  hp2::Trajectory truth;
+  for (const hp2::StampedPose& p : source.ground_truth()) {
+    truth.times_s.push_back(1e-6 * static_cast<double>(p.utime));
+    truth.poses.push_back(Eigen::Matrix4d::Identity());
+    truth.poses.back().topRows<3>() = p.pose.matrix();
+  }
+  if (truth.poses.empty()) {
+    throw hp2::Error("the drive has no ground truth", source.info().path,
+                     "README.md, \"Data sets\", says where each format has it.");
+  }
+  hp2::write_trajectory(path, truth, hp2::TrajectoryFormat::kTum);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app("Plays a LiDAR drive to the front-end over LCM.", "hp2_player");
-  std::string data, rate = "max";
+  std::string data, rate = "max", ground_truth;
   hp2::SourceOptions source_options;
   hp2::PlayerOptions options;
   hp2::CommonOptions common;
@@ -48,6 +63,10 @@ int main(int argc, char** argv) {
       ->type_name("N")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1000000}));
   app.add_option("--topic", source_options.topic, "Topic of a bag or channel of a log")->type_name("NAME");
+  app.add_option("--write-ground-truth", ground_truth,
+                 "Play nothing: write the drive's ground truth for hp2_eval (TUM format, LiDAR's frame, end "
+                 "of each sweep)")
+      ->type_name("FILE");
   app.add_flag("--start-paused", options.start_paused,
                "Wait for hp2_control resume (or step) before the first scan");
   app.add_option("--threads", options.threads, "Threads that read ahead")
@@ -67,6 +86,10 @@ int main(int argc, char** argv) {
     hp2::apply_common_options(common, nullptr);
     options.rate = parse_rate(rate);
     const auto source = hp2::open_source(data, source_options);
+    if (!ground_truth.empty()) {
+      write_ground_truth(*source, ground_truth);
+      return 0;
+    }
     hp2::catch_stop_signals();
     hp2::LcmBus bus(common.lcm_url);
     hp2::PlayerProcess player(bus, *source, options);

@@ -9,9 +9,9 @@ namespace hp2 {
 
 namespace {
 
-Trajectory final_poses(const SessionDigest& digest) {
+Trajectory trajectory_of(const SessionDigest& digest, Pose ScanRecord::*pose) {
   std::vector<Pose> poses;
-  for (const auto& scan : digest.scans) poses.push_back(scan.map_from_sensor);
+  for (const auto& scan : digest.scans) poses.push_back(scan.*pose);
   Trajectory out = make_trajectory(poses);
   for (const auto& scan : digest.scans) out.times_s.push_back(1e-6 * static_cast<double>(scan.utime));
   return out;
@@ -46,17 +46,19 @@ std::string edge(std::size_t from, std::size_t to, const Pose& pose, Matrix6d in
 }  // namespace
 
 std::string poses_kitti(const SessionDigest& digest) {
-  return format_trajectory(final_poses(digest), TrajectoryFormat::kKitti);
+  return format_trajectory(trajectory_of(digest, &ScanRecord::map_from_sensor), TrajectoryFormat::kKitti);
 }
 
 std::string poses_tum(const SessionDigest& digest) {
-  return format_trajectory(final_poses(digest), TrajectoryFormat::kTum);
+  return format_trajectory(trajectory_of(digest, &ScanRecord::map_from_sensor), TrajectoryFormat::kTum);
 }
 
 std::string poses_odometry_kitti(const SessionDigest& digest) {
-  std::vector<Pose> poses;
-  for (const auto& scan : digest.scans) poses.push_back(scan.odom_from_sensor);
-  return format_trajectory(make_trajectory(poses), TrajectoryFormat::kKitti);
+  return format_trajectory(trajectory_of(digest, &ScanRecord::odom_from_sensor), TrajectoryFormat::kKitti);
+}
+
+std::string poses_odometry_tum(const SessionDigest& digest) {
+  return format_trajectory(trajectory_of(digest, &ScanRecord::odom_from_sensor), TrajectoryFormat::kTum);
 }
 
 std::string graph_g2o(const SessionDigest& digest, const std::vector<ClosureRecord>& closures) {

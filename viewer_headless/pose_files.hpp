@@ -12,6 +12,8 @@ std::string poses_kitti(const SessionDigest& digest);
 std::string poses_tum(const SessionDigest& digest);
 /// The odometry's poses before any correction, KITTI format.
 std::string poses_odometry_kitti(const SessionDigest& digest);
+/// The same in TUM format.
+std::string poses_odometry_tum(const SessionDigest& digest);
 
 /// g2o: VERTEX_SE3:QUAT of the keyposes (the first one fixed), EDGE_SE3:QUAT of the odometry and the accepted
 /// closures. The information's upper triangle is in g2o's own parameters (translation, then x y z of the unit

@@ -90,7 +90,12 @@ int main(int argc, char** argv) {
       options.meta[entry.substr(0, at)] = entry.substr(at + 1);
     }
     hp2::prepare_output_folder(options.out_folder);
-    if (!truth.empty()) options.ground_truth = hp2::open_source(truth, source_options)->ground_truth();
+    if (!truth.empty()) {
+      const auto drive = hp2::open_source(truth, source_options);
+      options.ground_truth = drive->ground_truth();
+      options.meta.emplace("format", drive->info().format);
+      if (!drive->info().sensor.empty()) options.meta.emplace("sensor", drive->info().sensor);
+    }
     if (!session.empty()) return write_offline(session, options, settings);
     hp2::catch_stop_signals();
     hp2::LcmBus bus(common.lcm_url);

@@ -61,6 +61,7 @@ std::vector<std::string> write_session(const SessionView& view, const std::strin
   put("poses_kitti.txt", poses_kitti(digest));
   put("poses_tum.txt", poses_tum(digest));
   put("poses_odometry_kitti.txt", poses_odometry_kitti(digest));
+  put("poses_odometry_tum.txt", poses_odometry_tum(digest));
   put("graph.g2o", graph_g2o(digest, view.graph.closures));
   put("closures.csv", closures_csv(view.graph.closures));
   std::string map_picture;

@@ -24,10 +24,10 @@ struct WriteOptions {
   bool report = true;  ///< trajectory.png, report.html
 };
 
-/// Writes poses_kitti.txt, poses_tum.txt, poses_odometry_kitti.txt, map.ply, map.pcd, trajectory.png,
-/// map_topdown.png, graph.g2o, closures.csv, summary.json and report.html into `folder`, which is created if
-/// it is missing. Each file is replaced whole or not at all. The same view gives the same bytes, except that
-/// elapsed times differ.
+/// Writes poses_kitti.txt, poses_tum.txt, poses_odometry_kitti.txt, poses_odometry_tum.txt, map.ply, map.pcd,
+/// trajectory.png, map_topdown.png, graph.g2o, closures.csv, summary.json and report.html into `folder`,
+/// which is created if it is missing. Each file is replaced whole or not at all. The same view gives the same
+/// bytes, except that elapsed times differ.
 /// @return names of the files written
 /// @throws Error naming the file that cannot be written, or what view.read_submap throws
 std::vector<std::string> write_session(const SessionView& view, const std::string& folder,

@@ -21,7 +21,7 @@ using namespace hp2;
 
 struct Options {
   std::string reference, align = "se3", json, csv, markdown, names;
-  std::vector<std::string> estimates, plots;
+  std::vector<std::string> estimates, plots, error_plots;
   AssociationOptions association;
   std::size_t rpe_delta = 1;
 };
@@ -56,6 +56,11 @@ Options parse(int argc, char** argv, int& status) {
   app.add_option("--csv", o.csv, "Write the table as CSV")->type_name("FILE");
   app.add_option("--markdown", o.markdown, "Write the table as Markdown")->type_name("FILE");
   app.add_option("--plot", o.plots, "Draw the aligned trajectories; may be given again")
+      ->type_name("FILE.png|.svg")
+      ->take_all()
+      ->expected(1);
+  app.add_option("--plot-errors", o.error_plots,
+                 "Draw the position errors along the reference's path; may be given again")
       ->type_name("FILE.png|.svg")
       ->take_all()
       ->expected(1);
@@ -137,9 +142,39 @@ Chart trajectory_chart(const Options& o, const Trajectory& reference,
   return chart;
 }
 
+Chart error_chart(const Options& o, const std::vector<NamedEvaluation>& results) {
+  Chart chart;
+  chart.title = "Absolute position error along the path";
+  chart.subtitle = "alignment: " + o.align;
+  chart.x_label = "path [m]";
+  chart.y_label = "error [m]";
+  chart.y_from_zero = true;
+  chart.height_px = 600;
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    const Evaluation& e = results[i].evaluation;
+    char text[32];
+    std::snprintf(text, sizeof text, " (RMSE %.3f m)", e.ate.rmse);
+    Curve curve;
+    curve.name = results[i].name + text;
+    curve.color = palette(i);
+    double path_m = 0.0;
+    for (std::size_t k = 0; k < e.ate_errors.size(); ++k) {
+      if (k > 0) {
+        const auto step =
+            e.reference.poses[k].topRightCorner<3, 1>() - e.reference.poses[k - 1].topRightCorner<3, 1>();
+        path_m += step.norm();
+      }
+      curve.points.emplace_back(path_m, e.ate_errors[k]);
+    }
+    chart.curves.push_back(std::move(curve));
+  }
+  return chart;
+}
+
 int run(const Options& o) {
   const Alignment alignment = parse_alignment(o.align);
-  for (const auto& plot : o.plots) image_format(plot);  // before the work, not after it
+  for (const auto* plots : {&o.plots, &o.error_plots})
+    for (const auto& plot : *plots) image_format(plot);  // before the work, not after it
   const auto names = o.names.empty() ? default_names(o.estimates) : CLI::detail::split(o.names, ',');
   if (names.size() != o.estimates.size()) {
     throw Error(
@@ -173,6 +208,8 @@ int run(const Options& o) {
   for (const auto& plot : o.plots) {
     write_file(plot, draw_chart(trajectory_chart(o, reference, results), image_format(plot)));
   }
+  for (const auto& plot : o.error_plots)
+    write_file(plot, draw_chart(error_chart(o, results), image_format(plot)));
   return 0;
 }
 

@@ -68,7 +68,7 @@ TEST_F(Program, OneEstimateGivesTheFixedShapeOfJson) {
 
 TEST_F(Program, SeveralEstimatesGiveATableAndPictures) {
   ASSERT_EQ(run("gt.txt a.txt gt.txt --names 'with error,perfect' --csv t.csv --markdown t.md --plot p.png "
-                "--plot p.svg "
+                "--plot p.svg --plot-errors e.png --plot-errors e.svg "
                 "--json s.json"),
             0)
       << content(folder_ / "err.log");
@@ -78,6 +78,9 @@ TEST_F(Program, SeveralEstimatesGiveATableAndPictures) {
   EXPECT_THAT(content(folder_ / "p.svg"), HasSubstr("perfect (0.000 m)"));
   EXPECT_EQ(nlohmann::json::parse(content(folder_ / "s.json"))["estimates"].size(), 2U);
   EXPECT_EQ(cv::imread((folder_ / "p.png").string()).cols, 1200);
+  EXPECT_THAT(content(folder_ / "e.svg"), HasSubstr("with error (RMSE "));
+  EXPECT_THAT(content(folder_ / "e.svg"), HasSubstr("path [m]"));
+  EXPECT_EQ(cv::imread((folder_ / "e.png").string()).rows, 600);
 }
 
 TEST_F(Program, SaysWhatIsWrong) {

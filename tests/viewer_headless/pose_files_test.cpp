@@ -209,6 +209,7 @@ TEST(Summary, HasTheFixedMembersAndTheRightCounts) {
     EXPECT_LE(ms["p99"].get<double>(), ms["max"].get<double>());
   }
   EXPECT_EQ(json["peak_memory_mb"]["hp2_frontend"], 123.4);
+  EXPECT_GT(json["peak_memory_mb"]["hp2_viewer_headless"], 1.0);  // this process
   EXPECT_EQ(json["versions"]["hp2_player"], "0.1.0");
   EXPECT_EQ(json["counters"]["hp2_backend"]["chunks_resent"], 3);
   EXPECT_THAT(json["configuration"]["configuration"].get<std::string>(), HasSubstr("mode: hybrid"));

@@ -92,10 +92,11 @@ TEST(WriteSession, PosesAreTheSessionsAndOnlyTheKnownFilesAreThere) {
   const auto session = block_session();
   const TemporaryFolder folder;
   const auto names = write_session(session.view, folder / "new/out", {});
-  const std::set<std::string> expected{"poses_kitti.txt", "poses_tum.txt", "poses_odometry_kitti.txt",
-                                       "map.ply",         "map.pcd",       "trajectory.png",
-                                       "map_topdown.png", "graph.g2o",     "closures.csv",
-                                       "summary.json",    "report.html"};
+  const std::set<std::string> expected{
+      "poses_kitti.txt",        "poses_tum.txt",   "poses_odometry_kitti.txt",
+      "poses_odometry_tum.txt", "map.ply",         "map.pcd",
+      "trajectory.png",         "map_topdown.png", "graph.g2o",
+      "closures.csv",           "summary.json",    "report.html"};
   EXPECT_EQ(std::set<std::string>(names.begin(), names.end()), expected);
   std::set<std::string> there;
   for (const auto& entry : fs::directory_iterator(folder / "new/out")) there.insert(entry.path().filename());

@@ -16,6 +16,8 @@
   };
   const add = (parent, ...children) => { children.forEach(c => parent.appendChild(c)); return parent; };
   const number = (v, digits = 3) => (v === null || v === undefined) ? '–' : Number(v).toLocaleString('en', {maximumFractionDigits: digits});
+  const fixed = (v, digits) => (v === null || v === undefined) ? '–' :
+    Number(v).toLocaleString('en', {minimumFractionDigits: digits, maximumFractionDigits: digits});  // columns line up
   const section = (title, hint) => {
     const s = add(element('section'), element('h2', '', title));
     if (hint) add(s, element('p', 'hint', hint));
@@ -195,6 +197,12 @@
   const map = chart(card(where), 'square', datasets, {x: 'x [m]', y: 'y [m]', zoom: ['x', 'y']});
   if (map) {
     const all = datasets.flatMap(d => d.data).filter(p => Number.isFinite(p.x) && Number.isFinite(p.y));
+    const span = k => all.reduce((b, p) => Math.max(b, p[k]), -Infinity) - all.reduce((a, p) => Math.min(a, p[k]), Infinity);
+    if (all.length) {  // a straight drive needs no square
+      const wanted = map.canvas.clientWidth * span('y') / Math.max(span('x'), 1e-9) + 120;
+      map.canvas.parentNode.style.height = Math.round(Math.min(620, Math.max(300, wanted))) + 'px';
+      map.resize();
+    }
     const fit = () => {  // one metre is as long on both axes
       const area = map.chartArea, w = area.right - area.left, h = area.bottom - area.top;
       const range = k => all.reduce(([a, b], p) => [Math.min(a, p[k]), Math.max(b, p[k])], [Infinity, -Infinity]);
@@ -214,15 +222,16 @@
 
   if (data.accuracy) {
     const s = section('Against ground truth', `Positions after ${data.accuracy.alignment === 'se3' ? 'SE(3) alignment' : 'alignment of the first pose'}; as evo and the KITTI devkit measure.`);
-    const row = (name, e) => [name, number(e.ate.rmse, 4), number(e.ate.mean, 4), number(e.ate.median, 4), number(e.ate.max, 4),
-      number(e.rpe_translation.rmse, 5), number(e.rpe_rotation_deg.rmse, 5), number(e.kitti.t_percent, 4), number(e.kitti.r_deg_per_100m, 4)];
-    table(card(s), ['', 'ATE rmse [m]', 'mean', 'median', 'max', 'RPE [m]', 'RPE [°]', 'KITTI t [%]', 'KITTI r [°/100 m]'],
+    const row = (name, e) => [name, fixed(e.ate.rmse, 3), fixed(e.ate.mean, 3), fixed(e.ate.median, 3), fixed(e.ate.max, 3),
+      fixed(e.rpe_translation.rmse, 4), fixed(e.rpe_rotation_deg.rmse, 4), fixed(e.kitti.t_percent, 3), fixed(e.kitti.r_deg_per_100m, 3)];
+    table(card(s), ['', 'ATE RMSE [m]', 'mean', 'median', 'max', 'RPE RMSE [m]', '[°]', 'KITTI drift [%]', '[°/100 m]'],
           [row('final', summary.accuracy.final), row('odometry', summary.accuracy.odometry)], [1, 2, 3, 4, 5, 6, 7, 8]);
     const along = {x: 'path [m]', mode: 'nearest', group: 'path'};
     const last = data.accuracy.ape.length ? data.accuracy.ape[data.accuracy.ape.length - 1][0] : 1;
     along.xAxis = {min: 0, max: last};
     chart(card(s, 'Absolute position error along the path'), '', [
-      line('odometry', data.accuracy.ape_odometry, colors.orange), line('final', data.accuracy.ape, colors.blue)
+      line('odometry', data.accuracy.ape_odometry, colors.orange, {borderDash: [6, 4], order: 2}),
+      line('final', data.accuracy.ape, colors.blue, {order: 1})
     ], {...along, y: 'error [m]', yAxis: {beginAtZero: true}});
     chart(card(s, 'Error of the final trajectory by axis'), '', [
       line('x', data.accuracy.x, colors.red), line('y', data.accuracy.y, colors.green), line('z', data.accuracy.z, colors.blue)
@@ -254,10 +263,10 @@
       return dataset;
     });
     stacked.push(line('total', data.total_ms, '#1f2933', {borderWidth: 0.8, order: 1}));
-    overTime(time, 'Stages stacked (means), and the total', stacked, 'ms', {beginAtZero: true}, 'tall');
+    overTime(time, 'Milliseconds a scan: stages stacked, and the total', stacked, 'ms', {beginAtZero: true}, 'tall');
   }
   table(card(time), ['stage', 'mean [ms]', 'median', '99 %', 'max'], Object.entries(summary.milliseconds).map(
-    ([name, s]) => [name.replace('_', ' '), number(s.mean, 2), number(s.median, 2), number(s.p99, 2), number(s.max, 2)]), [1, 2, 3, 4]);
+    ([name, s]) => [name.replace('_', ' '), fixed(s.mean, 2), fixed(s.median, 2), fixed(s.p99, 2), fixed(s.max, 2)]), [1, 2, 3, 4]);
 
   const loops = section('Loop closures');
   if (!data.closures.length) {
@@ -280,7 +289,7 @@
   }
   table(card(ran, 'Counts'), null, [['scans played', number(summary.scans_in, 0)], ['poses', number(summary.poses_out, 0)],
     ['scans skipped', number(summary.scans_skipped, 0)], ['scans lost', number(summary.scans_lost, 0)], ['submaps', number(summary.submaps, 0)],
-    ['map points', number(summary.map_points, 0)], ['drive', number(summary.drive_s, 1) + ' s'], ['elapsed', number(summary.elapsed_s, 1) + ' s']]);
+    ['map points', number(summary.map_points, 0)], ['drive, by its own clock', number(summary.drive_s, 1) + ' s'], ['from the first pose to the last', number(summary.elapsed_s, 1) + ' s']]);
   const long = v => String(v).includes('\n');
   const short = Object.entries(data.meta).filter(([, v]) => !long(v));
   if (short.length) table(card(ran, 'Session'), null, short.map(([k, v]) => [k, String(v)]));

@@ -169,7 +169,13 @@ Json report_data(const SessionView& view, const SessionDigest& digest,
   data["time_label"] = digest.has_times() ? "time [s]" : "scan";
   data["states"] = stretches(digest, times);
   const auto curve = [&](const auto& value) { return thinned(times, over_scans(digest, value), points); };
-  data["alpha"] = curve([](const ScanRecord& s) { return s.diagnostics.alpha; });
+  std::vector<double> matched_at, alpha;  // the first scan has no map to match, so no ratio
+  for (std::size_t i = 0; i < digest.scans.size(); ++i) {
+    if (digest.scans[i].diagnostics.iterations == 0) continue;
+    matched_at.push_back(times[i]);
+    alpha.push_back(digest.scans[i].diagnostics.alpha);
+  }
+  data["alpha"] = thinned(matched_at, alpha, points);
   data["sigma"] = curve([](const ScanRecord& s) { return s.diagnostics.sigma; });
   data["degeneracy"] = curve([](const ScanRecord& s) { return s.diagnostics.min_eigenvalue_ratio; });
   data["iterations"] = curve([](const ScanRecord& s) { return s.diagnostics.iterations; });
