@@ -110,7 +110,10 @@ def accuracy(runner, data, name, found):
         complete = all(isinstance(v, float) for v in cells[: len(columns)])
         average = [_mean(cells[: len(columns)]) if complete else None] if averages else []
         comparison.add(label, cells + average)
+    comparison.unranked.append(len(comparison.rows) - 1)
     comparison.notes.append(f"Paper's figures: {paper.source_text(data, table)}. Ours: RMSE after SE(3) alignment.")
+    if runner.selection:
+        comparison.notes.append(f"Ours are of a part of each drive ({' '.join(runner.selection)}): not to be compared.")
     many = [f"{c}: mean of {', '.join(d.name for d in members)}" for c, members in columns if len(members) > 1]
     if many:
         comparison.notes.append("; ".join(many) + ".")

@@ -15,6 +15,7 @@ class Table:
     digits: int = 2
     rank: bool = False  # mark the smallest and second smallest number of each column
     groups: list = dataclasses.field(default_factory=list)  # row numbers before which a rule is drawn (text only)
+    unranked: list = dataclasses.field(default_factory=list)  # row numbers that are not compared with the others
 
     def add(self, name, cells):
         self.rows.append((name, list(cells)))
@@ -28,8 +29,9 @@ class Table:
         """(row, column) -> 1 or 2 for the best and the second best, as printed; equal ones share a place."""
         places = {}
         for c in range(len(self.columns)):
-            numbers = sorted({self._text(cells[c]) for _, cells in self.rows if isinstance(cells[c], float)}, key=float)
-            for r, (_, cells) in enumerate(self.rows):
+            compared = [(r, cells) for r, (_, cells) in enumerate(self.rows) if r not in self.unranked]
+            numbers = sorted({self._text(cells[c]) for _, cells in compared if isinstance(cells[c], float)}, key=float)
+            for r, cells in compared:
                 if isinstance(cells[c], float) and self._text(cells[c]) in numbers[:2]:
                     places[r, c] = numbers.index(self._text(cells[c])) + 1
         return places if self.rank else {}

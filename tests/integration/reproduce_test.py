@@ -18,7 +18,7 @@ EXPECTED = {"kitti": ["00", "07"], "mulran": ["KAIST"], "helipr": ["Bridge Aeva"
 
 def reproduce(table, root, out, *options, scripts=SCRIPTS, status=0):
     """Runs it; returns what it said."""
-    command = [scripts / "reproduce.sh", table, root, "--out", out, "--build", BIN.parent, *options]
+    command = [scripts / "reproduce.sh", table, root, "--out", out, "--build", BIN.parent, *map(str, options)]
     done = subprocess.run(command, capture_output=True, text=True)
     text = done.stdout + done.stderr
     expect(done.returncode == status, f"reproduce.sh {table} ended with {done.returncode}, not {status}:\n{text}")
@@ -76,7 +76,8 @@ def check_front_end(root, out):
     columns, rows = rows_of(out / "ablation.csv")
     modes = ["hybrid", "point_to_point", "point_to_plane", "fixed_alpha", "fixed_threshold"]
     ours = {m: next(cells for name, cells in rows.items() if name.startswith(m + " (this run")) for m in modes}
-    expect(all(0 < float(ours[m][columns.index("00")]) < 0.5 for m in modes), f"ablation: {ours}")
+    limit = {"point_to_point": 5}  # it may slip on 24 scans with few points; the others may not
+    expect(all(0 < float(ours[m][columns.index("00")]) < limit.get(m, 0.15) for m in modes), f"ablation: {ours}")
     expect(len({ours[m][columns.index("00")] for m in modes}) >= 4, f"the modes do not differ: {ours}")
     expect(float(rows["Adaptive hybrid (ours) (paper)"][0]) == PAPER["tables"]["ablation"]["rows"][-1]["values"][0],
            "ablation: paper's figure")
@@ -137,7 +138,7 @@ def check_paper(tex):
             found = [re.findall(r"\d+\.\d+|-", re.sub(r"\\multicolumn\{\d\}\{c\}|\\hline", "", cell))[-1]
                      for cell in line.split("&")[1:]]
             found = [None if v == "-" else float(v) for v in found]
-            expect(found == row["values"] + [row["average"]] * ("average" in row), f"{name}, {method}: {found}")
+            expect(found == row["values"] + ([row["average"]] if "average" in row else []), f"{name}, {method}: {found}")
             cells += len(found)
     print(f"{cells} figures agree with {tex}")
 

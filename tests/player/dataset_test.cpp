@@ -108,6 +108,21 @@ TEST(KittiRaw, TextScansAndMissingFiles) {
               HasSubstr("no scan"));
 }
 
+TEST(KittiRaw, ScansOfAnySize) {
+  const TemporaryFolder folder;
+  write_kitti_raw(folder);
+  const std::string drive = "2011_09_26/2011_09_26_drive_0009_sync/";
+  folder.write(drive + "velodyne_points/data/0000000000.bin", bin_of(make_points(250'000)));
+  folder.write(drive + "velodyne_points/data/0000000001.bin", bin_of(make_points(10)));
+  const auto source = open_source(folder / drive);
+  const Scan large = source->read(0);
+  test::expect_same_points(large, make_points(250'000));
+  EXPECT_EQ(large.time.size(), 250'000U);
+  test::expect_same_points(source->read(1), make_points(10));
+  folder.write(drive + "velodyne_points/data/0000000003.bin", bin_of(make_points(10)) + "xyz");
+  EXPECT_THAT(error_of([&] { source->read(2); }), HasSubstr("0000000003.bin"));
+}
+
 // ---------------------------------------------------------------- MulRan
 
 TEST(MulRan, PointsTimesAndPoses) {
@@ -159,6 +174,16 @@ TEST(MulRan, Damage) {
   EXPECT_TRUE(source->ground_truth().empty());
   folder.write("global_pose.csv", "nan,1,0,0,0\nwhat\n1561000444390857630,1,2,3\n");
   EXPECT_TRUE(open_source(folder.path())->ground_truth().empty());
+}
+
+TEST(MulRan, ScansOfAnySize) {  // other sensors' files: no times, all points
+  const TemporaryFolder folder;
+  folder.write("Ouster/1561000444390857630.bin", bin_of(make_points(250'000)));
+  folder.write("Ouster/1561000444490857630.bin", bin_of(make_points(10)));
+  const auto source = open_source(folder.path());
+  test::expect_same_points(source->read(0), make_points(250'000));
+  test::expect_same_points(source->read(1), make_points(10));
+  EXPECT_THAT(source->warnings(), ::testing::Contains(HasSubstr("2 of 2 scans")));
 }
 
 // ---------------------------------------------------------------- HeLiPR

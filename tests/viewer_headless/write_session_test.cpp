@@ -188,7 +188,7 @@ TEST(WriteSession, AnEmptySessionIsWrittenToo) {
   SessionView view;
   view.read_submap = [](std::int64_t) -> Submap { throw std::logic_error("there is none"); };
   const TemporaryFolder folder;
-  EXPECT_EQ(write_session(view, folder.path(), {}).size(), 11U);
+  EXPECT_EQ(write_session(view, folder.path(), {}).size(), 12U);
   EXPECT_EQ(content(folder / "poses_kitti.txt"), "");
   EXPECT_FALSE(cv::imread(folder / "map_topdown.png").empty());
   EXPECT_THAT(content(folder / "report.html"), HasSubstr("The session holds no scan yet."));
@@ -221,7 +221,7 @@ TEST(WriteSession, ASubmapThatCannotBeReadLeavesTheOldFilesAsTheyWere) {
   };
   EXPECT_THROW(write_session(session.view, folder.path(), {}), Error);
   EXPECT_TRUE(content(folder / "map.ply") == before);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), fs::directory_iterator()), 11);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), fs::directory_iterator()), 12);
 }
 
 TEST(VoxelSet, HoldsEachVoxelOnceOnBothSidesOfZero) {
