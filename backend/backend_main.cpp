@@ -1,5 +1,8 @@
 // hp2_backend: keeps the session, closes loops, publishes the corrected graph.
+#include <cstdio>
+
 #include "backend/backend_process.hpp"
+#include "backend/session_check.hpp"
 #include "common/error.hpp"
 #include "common/program.hpp"
 #include "common/transport/lcm_bus.hpp"
@@ -12,6 +15,7 @@ int main(int argc, char** argv) {
   hp2::BackendProcessOptions options;
   hp2::CommonOptions common;
   std::vector<std::string> meta;
+  bool check = false;
   app.add_option("--session", options.session_folder,
                  "Folder of the session; made if it is not there, taken up if it is")
       ->type_name("DIR")
@@ -20,6 +24,10 @@ int main(int argc, char** argv) {
                "End when the session is complete and a viewer has fetched all of it");
   app.add_option("--meta", meta, "A text to keep in the session, e.g. data=/data/kitti/07; may be repeated")
       ->type_name("KEY=TEXT");
+  app.add_flag(
+      "--check", check,
+      "Only say whether this session can be begun or gone on with (status 1: it cannot); --meta drive= and "
+      "configuration= must then be as they were");
   hp2::add_common_options(app, common, true);
   app.footer(
       "Examples:\n"
@@ -34,6 +42,10 @@ int main(int argc, char** argv) {
       const auto at = entry.find('=');
       if (at == std::string::npos) throw hp2::Error("no text is given", "--meta " + entry, "Write KEY=TEXT.");
       options.meta[entry.substr(0, at)] = entry.substr(at + 1);
+    }
+    if (check) {
+      std::printf("%s\n", hp2::check_session(options.session_folder, options.meta).c_str());
+      return 0;
     }
     hp2::catch_stop_signals();
     hp2::LcmBus bus(common.lcm_url);

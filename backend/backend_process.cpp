@@ -5,6 +5,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "common/error.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/peer_summary.hpp"
 
@@ -16,6 +17,7 @@ constexpr std::int64_t kRetryUs = 1'000'000;
 constexpr std::int64_t kKeepStatusesUs = 10'000'000;
 constexpr std::int64_t kLingerUs = 2'000'000;
 constexpr int kSubmapsAhead = 2;
+constexpr int kMostRefusals = 5;  // of one submap
 
 }  // namespace
 
@@ -57,12 +59,13 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
 }
 
 void BackendProcess::on_snapshot(SessionSnapshot s) {
-  if (s.rejected) {
+  if (!s.rejected.empty()) {
     endpoint_.reject(chunk_channel(kSubmapTopic),
-                     "not a valid submap_t of this session, or not the next one");
-    retry_us_ = bus_.now_us() + kRetryUs;
+                     "submap " + std::to_string(s.submap_count) + ": " + s.rejected);
+    ask_again(s.rejected);
     return;
   }
+  refusals_ = 0;
   if (!opened_) {
     submaps_.seek(s.submap_count);
     handed_ = s.submap_count;
@@ -81,6 +84,22 @@ void BackendProcess::on_snapshot(SessionSnapshot s) {
   trajectory_.offer(now_.revision, now_.revision + 1, now_.ended);
   session_submaps_.offer(0, now_.submap_count, now_.last_stored);
   publish_correction();
+}
+
+// A submap that makes no sense is asked for again: its sender may have been restarted, or somebody else spoke
+// in its name. One that never makes sense ends this process, in words; without it the session would stand
+// still for ever.
+void BackendProcess::ask_again(const std::string& why) {
+  // What was handed over behind it is refused, too: one failure.
+  if (retry_us_ != 0) return;
+  if (++refusals_ >= kMostRefusals) {
+    throw Error(
+        "the front-end's submap " + std::to_string(now_.submap_count) + " cannot be stored: " + why +
+            " (asked " + std::to_string(refusals_) + " times)",
+        chunk_channel(kSubmapTopic),
+        "Use a front-end of the same release and start both again: everything stored so far is kept.");
+  }
+  retry_us_ = bus_.now_us() + kRetryUs;
 }
 
 void BackendProcess::watch_submaps() {
@@ -123,8 +142,10 @@ bool BackendProcess::all_fetched() const {
   if (!now_.ended) return false;
   const bool viewer_done = graph_.done_id() >= graph_.next() && trajectory_.done_id() >= trajectory_.next() &&
                            session_submaps_.done_id() >= session_submaps_.next();
-  // A front-end that has just begun, or does not know yet that all is stored, would wait for this process for ever.
-  const bool frontend_waits = presence_.live("hp2_frontend") != nullptr || bus_.now_us() - started_us_ < kLingerUs;
+  // A front-end that has just begun, or does not know yet that all is stored, would wait for this process for
+  // ever.
+  const bool frontend_waits =
+      presence_.live("hp2_frontend") != nullptr || bus_.now_us() - started_us_ < kLingerUs;
   return viewer_done && !frontend_waits;
 }
 
@@ -150,6 +171,7 @@ void BackendProcess::report() {
 
 bool BackendProcess::tick() {
   worker_.rethrow_error();
+  loader_.rethrow_error();
   endpoint_.poll();
   watch_submaps();
   if (opened_ && bus_.now_us() - last_correction_us_ > kCorrectionPeriodUs) publish_correction();

@@ -35,6 +35,7 @@ class BackendProcess {
 
  private:
   void on_snapshot(SessionSnapshot snapshot);
+  void ask_again(const std::string& why);
   void watch_submaps();
   void publish_correction();
   void keep_statuses(bool now);
@@ -55,6 +56,7 @@ class BackendProcess {
   bool opened_ = false, stop_ = false, finishing_ = false;
   std::int64_t handed_ = 0;  // submaps handed to the worker
   std::int64_t started_us_ = 0, last_correction_us_ = 0, retry_us_ = 0, last_keep_us_ = 0;
+  int refusals_ = 0;  // of the submap that is next, one after another
   int exit_status_ = 0;
 };
 

@@ -153,10 +153,16 @@ double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose&
 
 }  // namespace
 
-// Another front-end may send no normals.
+// Another front-end may send no normals. Stored ones are of unit length to 1/127 only.
 namespace {
 std::vector<Eigen::Vector3f> normals_of(const Submap& submap) {
-  if (submap.normals.size() == submap.points.size()) return submap.normals;
+  if (submap.normals.size() == submap.points.size()) {
+    auto normals = submap.normals;
+    for (auto& normal : normals) {
+      if (normal.squaredNorm() > 0.0F) normal.normalize();
+    }
+    return normals;
+  }
   Submap copy;
   copy.points = submap.points;
   estimate_normals(copy);

@@ -1,10 +1,12 @@
 #include "backend/session_store.hpp"
 
 #include <filesystem>
+#include <optional>
 #include <random>
 #include <utility>
 
 #include "backend/scan_refinement.hpp"
+#include "backend/session_lock.hpp"
 #include "backend/sqlite.hpp"
 #include "backend/submap_codec.hpp"
 #include "common/error.hpp"
@@ -89,6 +91,7 @@ std::unique_ptr<sqlite::Database> open_database(const std::string& folder, Sessi
 class SessionStore::Impl {
  public:
   Impl(const std::string& folder, Access access) : db(open_database(folder, access)) {
+    if (access == Access::kReadWrite) lock.emplace(folder);
     if (access == Access::kReadWrite) {
       db->execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL");
       if (db->number("SELECT count(*) FROM sqlite_master") == 0) create();
@@ -180,6 +183,7 @@ class SessionStore::Impl {
   }
 
   std::unique_ptr<sqlite::Database> db;
+  std::optional<SessionLock> lock;
 };
 
 SessionStore::SessionStore(const std::string& folder, Access access)

@@ -42,7 +42,7 @@ class SessionStore {
   std::int64_t session_id() const;
   /// Number of stored submaps: ids 0 .. n-1.
   std::int64_t submap_count() const;
-  /// One stored submap. Exact but for the normals (kept to 1/127).
+  /// One stored submap. Exact but for normals of more than 8 bits (kept to 1/127).
   /// @param with_points false: `points`, `normals` and `scan_indices` stay empty
   /// @throws Error if there is none with that id, or the file is damaged
   Submap read_submap(std::int64_t id, bool with_points = true) const;

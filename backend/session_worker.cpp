@@ -61,7 +61,8 @@ bool SessionWorker::store(const Delivery& delivery) {
   const auto package = decode_submap(delivery.bytes->data.get(), delivery.bytes->size, session_id_);
   if (!package || package->submap.id != store_.submap_count()) {
     SessionSnapshot nothing;
-    nothing.rejected = true;
+    nothing.rejected = package ? "it calls itself submap " + std::to_string(package->submap.id)
+                               : "it is no valid submap_t of this session";
     nothing.submap_count = store_.submap_count();
     sink_(std::move(nothing));
     return false;

@@ -26,7 +26,7 @@ struct SessionSnapshot {
   std::int64_t revision = 0;
   bool last_stored = false;  ///< No submap will follow.
   bool ended = false;        ///< Refined, too.
-  bool rejected = false;     ///< The submap's bytes made no sense; nothing changed.
+  std::string rejected;      ///< Why the submap that was handed over was not taken; nothing changed then.
   EncodedMessagePtr resume, graph, trajectory;
   Pose map_from_odom;
   std::vector<closure_t> new_closures;

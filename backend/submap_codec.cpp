@@ -85,8 +85,9 @@ void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& wh
   submap.scan_indices.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     for (int k = 0; k < 3; ++k) submap.points[i][k] = in.get<float>();
-    for (int k = 0; k < 3; ++k) submap.normals[i][k] = static_cast<float>(in.get<std::int8_t>());
-    if (submap.normals[i].squaredNorm() > 0.0F) submap.normals[i].normalize();
+    // Not made unit length again: that would round to other bytes the next time, and a back-end that was
+    // started again would see other normals than one that was not.
+    for (int k = 0; k < 3; ++k) submap.normals[i][k] = static_cast<float>(in.get<std::int8_t>()) / 127.0F;
     submap.scan_indices[i] = in.get<std::int32_t>();
   }
 }

@@ -47,7 +47,8 @@ class BlobReader {
 
 /// Points (float), normals (int8, unit = 127) and scan indices (uint32): 19 bytes a point.
 std::vector<std::uint8_t> encode_points(const Submap& submap);
-/// Fills points, normals and scan_indices. Normals come back within 1/127 of what was stored.
+/// Fills points, normals and scan_indices. Normals come back within 1/127 of what was stored, and as the same
+/// bits if they come from here or from a decoded submap_t.
 /// @throws Error for damaged bytes
 void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& where, Submap& submap);
 

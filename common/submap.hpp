@@ -29,26 +29,26 @@ struct ScanDiagnostics {
 
 /// One scan of a submap.
 struct ScanPose {
-  std::int64_t sequence = 0;                       ///< Scan's number in the stream.
-  std::int64_t utime = 0;                          ///< End of the sweep [us].
-  Pose submap_from_sensor;                         ///< Pose at the end of the sweep.
-  Matrix6d covariance = Matrix6d::Zero();          ///< Of the motion since the previous scan, (rho [m], phi [rad]),
-                                                   ///< right increments in this scan's sensor frame.
+  std::int64_t sequence = 0;               ///< Scan's number in the stream.
+  std::int64_t utime = 0;                  ///< End of the sweep [us].
+  Pose submap_from_sensor;                 ///< Pose at the end of the sweep.
+  Matrix6d covariance = Matrix6d::Zero();  ///< Of the motion since the previous scan, (rho [m], phi [rad]),
+                                           ///< right increments in this scan's sensor frame.
   TrackingState state = TrackingState::kTracking;  ///< State of its registration.
   ScanDiagnostics diagnostics;
 };
 
-/// A piece of local map with the scans that made it. Its frame is the keypose's: the last pose of the submap before
-/// (identity for the first).
+/// A piece of local map with the scans that made it. Its frame is the keypose's: the last pose of the submap
+/// before (identity for the first).
 struct Submap {
   std::int64_t id = 0;                     ///< 0, 1, 2, ... in one session.
   Pose odom_from_submap;                   ///< Keypose in the drifting odometry frame.
   std::vector<Eigen::Vector3f> points;     ///< [m], submap frame, downsampled.
-  std::vector<Eigen::Vector3f> normals;    ///< Unit, one a point; zero where the surroundings are not planar.
+  std::vector<Eigen::Vector3f> normals;    ///< One a point, of unit length (to 1/127); zero: not planar.
   std::vector<std::int32_t> scan_indices;  ///< One a point: index into `scans` of the scan that saw it.
   std::vector<ScanPose> scans;             ///< In order of time.
   double travelled_m = 0.0;                ///< Path length inside this submap.
-  std::int64_t scans_skipped = 0;          ///< Scans of the stream in this submap's span that were not registered.
+  std::int64_t scans_skipped = 0;  ///< Scans of the stream in this submap's span that were not registered.
 };
 
 }  // namespace hp2

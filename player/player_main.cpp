@@ -1,4 +1,6 @@
 // hp2_player: plays a logged or synthetic drive to the front-end.
+#include <cstdio>
+
 #include "common/error.hpp"
 #include "common/evaluation/trajectory.hpp"
 #include "common/program.hpp"
@@ -44,6 +46,7 @@ void write_ground_truth(const hp2::ScanSource& source, const std::string& path) 
 int main(int argc, char** argv) {
   CLI::App app("Plays a LiDAR drive to the front-end over LCM.", "hp2_player");
   std::string data, rate = "max", ground_truth;
+  bool info = false;
   hp2::SourceOptions source_options;
   hp2::PlayerOptions options;
   hp2::CommonOptions common;
@@ -67,6 +70,7 @@ int main(int argc, char** argv) {
                  "Play nothing: write the drive's ground truth for hp2_eval (TUM format, LiDAR's frame, end "
                  "of each sweep)")
       ->type_name("FILE");
+  app.add_flag("--info", info, "Say what the drive is and how many scans are to be played, and exit");
   app.add_flag("--start-paused", options.start_paused,
                "Wait for hp2_control resume (or step) before the first scan");
   app.add_option("--threads", options.threads, "Threads that read ahead")
@@ -88,6 +92,12 @@ int main(int argc, char** argv) {
     const auto source = hp2::open_source(data, source_options);
     if (!ground_truth.empty()) {
       write_ground_truth(*source, ground_truth);
+      return 0;
+    }
+    if (info) {
+      std::printf("%s: %s, %zu scans%s\n", source->info().name.c_str(), source->info().format.c_str(),
+                  source->size(), source->ground_truth().empty() ? "" : ", with ground truth");
+      for (const auto& warning : source->warnings()) std::printf("%s\n", warning.c_str());
       return 0;
     }
     hp2::catch_stop_signals();

@@ -140,7 +140,8 @@ bool PlayerProcess::end(int status, const std::string& text) {
 }
 
 bool PlayerProcess::tick() {
-  loader_.rethrow_error();
+  // A scan that cannot be read ends the drive once all before it are registered.
+  loader_.rethrow_error(registered());
   if (options_.rate > 0 && endpoint_.session_id() != 0) turn_clock();
   last_tick_us_ = bus_.now_us();
   offer();

@@ -4,14 +4,21 @@ set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=${HP2_BUILD_DIR:-$here/../build}
+arguments=("$@")
+restarts=5        # of one process, with --restart
+ctrl_c_limit=20   # seconds to store and write after Ctrl-C
+failure_limit=60  # the same after a process has failed
 
 usage() {
   cat <<'TEXT'
 usage: scripts/run_slam.sh DATA --out DIR [options]
 
-  DATA              folder of a drive (its format is recognised), or synthetic:SCENE[:SEED]
-  --out DIR         where the results go; a session that is in it already is taken up again
+  DATA              folder or file of a drive (its format is recognised), or synthetic:SCENE[:SEED]
+  --out DIR         where the results go. An unfinished session of the same drive and settings that is in it
+                    is gone on with; one that is complete, or another drive's, is refused and left as it is
+  --overwrite       throw away the session and the results in --out, and begin anew
   --dataset NAME    format of the drive, if it is not to be recognised
+  --topic NAME      topic of a bag, or channel of a log, if there are several with scans
   --config FILE     settings (YAML); see hp2_frontend --print-config
   --rate R|max      times real time; max (default): as fast as the front-end registers, no scan skipped
   --first N, --count N, --stride N   which scans
@@ -21,6 +28,11 @@ usage: scripts/run_slam.sh DATA --out DIR [options]
   --live-every S    write the results every S seconds while the drive runs
   --lcm-url URL     LCM network to use (default: a port of this run's own, nothing leaves this machine)
   --build DIR       build folder (default: build)
+  -h, --help        this text
+
+Ctrl-C ends the session: what was registered is stored and written. A second Ctrl-C stops at once; an unfinished
+session is gone on with by the same command.
+Exit status: 0 all is written; 2 wrong command line; 130 after Ctrl-C; otherwise that of the process that failed.
 
 example: scripts/run_slam.sh synthetic:loop --out out/demo
 TEXT
@@ -31,25 +43,30 @@ die() {
   exit "${2:-1}"
 }
 
-data="" out="" config="" restart=0 url="" live_every=0 threads=2 mode="" rate=max
+data="" out="" config="" restart=0 overwrite=0 url="" live_every=0 threads=2 mode="" rate=max
 selection=()
 while [ $# -gt 0 ]; do
   case $1 in
     -h | --help) usage && exit 0 ;;
     --restart) restart=1 && shift && continue ;;
+    --overwrite) overwrite=1 && shift && continue ;;
     --*)
+      case $1 in
+        --out | --config | --rate | --dataset | --topic | --first | --count | --stride | --threads | --mode | \
+          --live-every | --lcm-url | --build) ;;
+        *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
+      esac
       [ $# -ge 2 ] || die "$1 needs a value. See scripts/run_slam.sh --help." 2
       case $1 in
         --out) out=$2 ;;
         --config) config=$2 ;;
         --rate) rate=$2 ;;
-        --dataset | --first | --count | --stride) selection+=("$1" "$2") ;;
+        --dataset | --topic | --first | --count | --stride) selection+=("$1" "$2") ;;
         --threads) threads=$2 ;;
         --mode) mode=$2 ;;
         --live-every) live_every=$2 ;;
         --lcm-url) url=$2 ;;
         --build) build=$2 ;;
-        *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
       esac
       shift 2
       ;;
@@ -66,14 +83,45 @@ bin=$build/bin
 for program in hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control; do
   [ -x "$bin/$program" ] || die "$bin/$program is not there. Build first: scripts/setup.sh (or give --build DIR)."
 done
-logs=$out/logs
+[ -z "$config" ] || [ -r "$config" ] || die "the configuration cannot be read: $config. Check the path."
+logs=$out/logs session=$out/session
 if ! mkdir -p "$logs" 2>/dev/null || ! (: >"$logs/.writable") 2>/dev/null; then
   die "the output folder cannot be written: $out. Choose another one with --out, or make it writable."
 fi
 rm -f "$logs/.writable"
-[ -z "$config" ] || [ -r "$config" ] || die "the configuration cannot be read: $config. Check the path."
+
+# What is in --out already? Asked before anything is started.
+configured=()
+[ -z "$config" ] || configured+=(--config "$config")
+mode_option=()
+[ -z "$mode" ] || mode_option=(--mode "$mode")
+settings=$("$bin/hp2_frontend" ${configured[@]+"${configured[@]}"} ${mode_option[@]+"${mode_option[@]}"} --print-config &&
+  "$bin/hp2_backend" --session x ${configured[@]+"${configured[@]}"} --print-config &&
+  "$bin/hp2_viewer_headless" --out x ${configured[@]+"${configured[@]}"} --print-config) || exit 1
+drive=$(realpath -q -e -- "$data" || echo "$data")${selection[*]+" ${selection[*]}"}
+same=(--meta "drive=$drive" --meta "configuration=$settings")
+if [ "$overwrite" = 0 ]; then
+  if ! found=$("$bin/hp2_backend" --session "$session" --check "${same[@]}" 2>&1); then
+    echo "run_slam.sh: $found" >&2
+    cat >&2 <<TEXT
+Nothing was changed. Either
+  give another folder             --out DIR
+  throw it away, begin anew       --overwrite
+  write its results once more     $bin/hp2_viewer_headless --session $session --out $out
+TEXT
+    exit 1
+  fi
+  case $found in going*) echo "$found" ;; esac
+else
+  # Nothing is thrown away for a drive that cannot be played.
+  "$bin/hp2_player" "$data" ${selection[@]+"${selection[@]}"} --info >/dev/null || exit 1
+  if [ -e "$session/session.lock" ] && ! flock -n "$session/session.lock" true; then
+    die "another run uses $session. Stop that one first, or give another --out."
+  fi
+fi
 
 # Is the multicast that LCM needs there? If not: a network namespace of this run's own, where it is.
+own_url=$url
 if [ -z "$url" ]; then
   for _ in $(seq 100); do
     port=$((20000 + RANDOM % 20000))
@@ -81,135 +129,204 @@ if [ -z "$url" ]; then
   done
   url="udpm://239.255.76.67:$port?ttl=0"
 fi
-if ! "$bin/hp2_control" check --lcm-url "$url" >/dev/null 2>&1; then
-  if [ -z "${HP2_IN_NAMESPACE:-}" ] && unshare -rn true 2>/dev/null; then
-    again=("$data" --out "$out" --rate "$rate" --threads "$threads" --build "$build" --live-every "$live_every")
-    again+=(${selection[@]+"${selection[@]}"})
-    [ -z "$mode" ] || again+=(--mode "$mode")
-    [ -z "$config" ] || again+=(--config "$config")
-    [ "$restart" = 0 ] || again+=(--restart)
+if ! said=$("$bin/hp2_control" check --lcm-url "$url" 2>&1); then
+  if [ -z "${HP2_IN_NAMESPACE:-}" ] && [ -z "$own_url" ] && command -v ip >/dev/null && unshare -rn true 2>/dev/null; then
     # shellcheck disable=SC2016  # the inner shell expands it
     exec env HP2_IN_NAMESPACE=1 unshare -rn bash -c \
       'ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"' _ \
-      "$here/run_slam.sh" "${again[@]}"
+      "$here/run_slam.sh" "${arguments[@]}"
   fi
-  die "multicast does not work on this machine. Run as root: ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
+  echo "$said" >&2
+  die "multicast does not work on this machine, and it permits no network namespace of our own (unshare -rn). Run as root, then this again:
+  ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
+fi
+
+if [ "$overwrite" = 1 ]; then
+  rm -f "$session"/session.sqlite{,-wal,-shm} "$out"/poses_{tum,kitti,odometry_kitti}.txt "$out"/map.{ply,pcd} \
+    "$out"/{map_topdown,trajectory}.png "$out"/{summary.json,report.html,closures.csv,graph.g2o} "$logs"/*.log
 fi
 
 common=(--lcm-url "$url")
-configured=(${common[@]+"${common[@]}"})
-[ -z "$config" ] || configured+=(--config "$config")
 meta=(--meta "data=$data" --meta "command=run_slam.sh $data --rate $rate --threads $threads${mode:+ --mode $mode}"
-  --meta "host=$(uname -n)" --meta "started=$(date -u +%Y-%m-%dT%H:%M:%SZ)")
+  --meta "host=$(uname -n)" --meta "started=$(date -u +%Y-%m-%dT%H:%M:%SZ)" "${same[@]}")
+truth=(--ground-truth "$data" ${selection[@]+"${selection[@]}"})
 
-mode_option=()
-[ -z "$mode" ] || mode_option=(--mode "$mode")
-settings=$("$bin/hp2_frontend" "${configured[@]}" ${mode_option[@]+"${mode_option[@]}"} --print-config &&
-  "$bin/hp2_backend" --session x "${configured[@]}" --print-config &&
-  "$bin/hp2_viewer_headless" --out x "${configured[@]}" --print-config) || exit 1
-meta+=(--meta "configuration=$settings")
+# From here on the user is spoken to through 3: the shell has words of its own on processes that were killed.
+exec 3>&2 2>>"$logs/run_slam.log"
 
-declare -A pid=() tries=()
+declare -A pid=() tries=() ended=()
 names=(backend viewer frontend player)
 
 start() {
   local command=()
   case $1 in
-    backend) command=("$bin/hp2_backend" --session "$out/session" --exit-when-done "${configured[@]}" "${meta[@]}") ;;
-    viewer) command=("$bin/hp2_viewer_headless" --out "$out" --ground-truth "$data" --live-every "$live_every"
-      ${selection[@]+"${selection[@]}"} "${configured[@]}" "${meta[@]}") ;;
-    frontend) command=("$bin/hp2_frontend" --threads "$threads" "${configured[@]}"
-      ${mode_option[@]+"${mode_option[@]}"}) ;;
-    player) command=("$bin/hp2_player" "$data" --rate "$rate" ${selection[@]+"${selection[@]}"} "${common[@]}") ;;
+    backend) command=("$bin/hp2_backend" --session "$session" --exit-when-done "${meta[@]}") ;;
+    viewer)
+      command=("$bin/hp2_viewer_headless" --out "$out" --live-every "$live_every" "${truth[@]}" "${meta[@]}")
+      [ "${ended[backend]:-}" != 0 ] || command+=(--session "$session")  # it died last of all
+      ;;
+    frontend) command=("$bin/hp2_frontend" --threads "$threads" ${mode_option[@]+"${mode_option[@]}"}) ;;
+    player) command=("$bin/hp2_player" "$data" --rate "$rate" ${selection[@]+"${selection[@]}"}) ;;
   esac
-  # A session of its own: Ctrl-C reaches this script alone, which then stops the processes in order.
-  setsid "${command[@]}" 2>>"$logs/$1.log" &
+  [ "$1" = player ] || command+=(${configured[@]+"${configured[@]}"})
+  # A session of its own: Ctrl-C reaches this script alone, which then stops the processes in order. Should this
+  # script be killed, they end: front-end and player at once, for they own nothing and would wait for the others.
+  local signal=TERM
+  case $1 in player | frontend) signal=KILL ;; esac
+  setsid setpriv --pdeathsig "$signal" "${command[@]}" "${common[@]}" 2>>"$logs/$1.log" 3>&- &
   pid[$1]=$!
+  unset "ended[$1]"
 }
 
 alive() { [ -n "${pid[$1]:-}" ] && kill -0 "${pid[$1]}" 2>/dev/null; }
+tell() { if alive "$2"; then kill "-$1" "${pid[$2]}" 2>/dev/null || :; fi; }
 
-stop_all() {
-  local name
-  for name in player frontend backend viewer; do alive "$name" && kill -TERM "${pid[$name]}" 2>/dev/null; done
-  for _ in $(seq 50); do
-    for name in "${names[@]}"; do alive "$name" && sleep 0.1 && continue 2; done
-    return 0
-  done
-  for name in "${names[@]}"; do alive "$name" && kill -KILL "${pid[$name]}" 2>/dev/null; done
-  return 0
+# Notes the exit status of a process that has ended in ended[NAME]; fails while it runs.
+over() {
+  [ -z "${ended[$1]:-}" ] || return 0
+  [ -n "${pid[$1]:-}" ] || return 0
+  if alive "$1"; then return 1; fi
+  local status=0
+  wait "${pid[$1]}" || status=$?
+  ended[$1]=$status
 }
 
-# Ctrl-C: no more scans; the front-end cuts what it has, the back-end stores it, the viewer writes it.
+all_over() {
+  local name
+  for name in "${names[@]}"; do over "$name" || return 1; done
+}
+
+# wait_all SECONDS: until all have ended.
+wait_all() {
+  local end=$((SECONDS + $1))
+  until all_over; do
+    [ "$SECONDS" -lt "$end" ] || return 1
+    sleep 0.1 || :
+  done
+}
+
+stop_at_once() {
+  local name
+  for name in "${names[@]}"; do tell TERM "$name"; done
+  wait_all 2 || for name in "${names[@]}"; do tell KILL "$name"; done
+  wait_all 5 || :
+}
+
+# The front-end cuts what it has, the back-end stores it, the viewer writes it; at most SECONDS, then all are stopped.
+wind_up() {
+  local end=$((SECONDS + $1)) told=""
+  tell TERM player
+  if ! over frontend && ! over backend; then tell TERM frontend; fi
+  while ! all_over && [ "$SECONDS" -lt "$end" ]; do
+    # Nothing more will come: who still waits writes what is there and goes.
+    if [ -z "$told" ] && { over backend || { over frontend && [ "${ended[frontend]:-1}" != 0 ]; }; }; then
+      told=yes
+      tell KILL frontend
+      tell TERM backend
+      tell TERM viewer
+    fi
+    sleep 0.1 || :
+  done
+  stop_at_once
+}
+
+# What a session holds, in words; nothing if it holds nothing.
+stored() {
+  [ -e "$session/session.sqlite" ] || return 0
+  { "$bin/hp2_backend" --session "$session" --check 2>&1 || :; } | grep -oE '[1-9][0-9]* scans? in [0-9]+ submaps?' | head -n 1
+}
+
+# After an end that was none: the results of what is stored, unless the viewer has written them.
+write_stored() {
+  local holds again=("$bin/hp2_viewer_headless" --session "$session" --out "$out")
+  holds=$(stored) || :
+  if [ -z "$holds" ]; then
+    echo "no submap was finished: there are no results" >&3
+    return
+  fi
+  if [ "${ended[viewer]:-1}" != 0 ] &&
+    ! timeout -k 2 "$1" "${again[@]}" "${truth[@]}" ${configured[@]+"${configured[@]}"} >/dev/null 2>>"$logs/viewer.log"; then
+    echo "$holds are stored in $session; the results could not be written in $1 s. Write them with" >&3
+    echo "  ${again[*]}" >&3
+    return
+  fi
+  echo "$holds are stored in $session, and their results written to $out" >&3
+}
+
 interrupted=0
 interrupt() {
   interrupted=$((interrupted + 1))
-  if [ "$interrupted" -gt 1 ]; then
-    echo "stopping at once" >&2
-    stop_all
-    exit 130
-  fi
-  echo >&2
-  echo "stopping: what was registered is stored and written (press Ctrl-C again to stop at once)" >&2
-  alive player && kill -TERM "${pid[player]}"
-  alive frontend && kill -TERM "${pid[frontend]}"
+  [ "$interrupted" -gt 1 ] || return 0
+  echo "stopping at once" >&3
+  stop_at_once
+  exit 130
 }
-trap interrupt INT TERM
-trap 'stop_all' EXIT
 
 fail() {
-  echo >&2
-  echo "run_slam.sh: hp2_$1 ended with status $2. Its last words ($logs/$1.log):" >&2
-  tail -n 8 "$logs/$1.log" | sed 's/^/  /' >&2
-  [ "$1" = player ] || [ ! -d "$out/session" ] ||
-    echo "What was registered is safe in $out/session; run the same command again to go on from there." >&2
-  stop_all
-  exit "$2"
+  local name=$1 status=$2 how="ended with status $2"
+  [ "$status" -le 128 ] || how="was killed by signal $(kill -l $((status - 128)) 2>/dev/null || echo $((status - 128)))"
+  [ "$status" != 130 ] || how="was stopped by somebody else"
+  {
+    echo
+    echo "run_slam.sh: hp2_$name $how. The last lines of $logs/$name.log:"
+    tail -n 8 "$logs/$name.log" | sed 's/^/  /'
+    echo "stopping the others"
+  } >&3
+  case $name in
+    player) wind_up "$failure_limit" ;;  # its drive cannot be read further: what was registered is kept
+    *)
+      # The session is not ended, so that the same command goes on with it.
+      for other in player frontend; do tell KILL "$other"; done
+      tell TERM backend
+      if [ "$live_every" = 0 ]; then tell KILL viewer; else tell TERM viewer; fi
+      wait_all 5 || :
+      stop_at_once
+      ;;
+  esac
+  write_stored "$failure_limit"
+  [ "$name" = player ] || [ ! -e "$session/session.sqlite" ] ||
+    echo "the same command goes on from there once the cause is mended" >&3
+  exit "$status"
 }
 
+trap 'interrupt' INT TERM HUP
+trap 'stop_at_once' EXIT
 for name in "${names[@]}"; do
-  : >"$logs/$name.log"
+  echo "--- $(date -u +%Y-%m-%dT%H:%M:%SZ) $drive" >>"$logs/$name.log"
   tries[$name]=0
   start "$name"
 done
 
-# Wait for all of them; a process that ends with another status than 0 ends the run, or is started again.
+# Waits for all of them; a process that fails ends the run, or is started again.
+patience=""
 while :; do
-  running=0
+  if [ "$interrupted" -gt 0 ]; then
+    echo >&3
+    echo "stopping: what was registered is stored and written (Ctrl-C again to stop at once)" >&3
+    wind_up "$ctrl_c_limit"
+    write_stored "$ctrl_c_limit"
+    trap - EXIT
+    exit 130
+  fi
   for name in "${names[@]}"; do
-    [ -n "${pid[$name]:-}" ] || continue
-    if alive "$name"; then
-      running=1
-      continue
-    fi
-    status=0
-    wait "${pid[$name]}" || status=$?
-    pid[$name]=""
+    over "$name" || continue
+    status=${ended[$name]}
     [ "$status" -ne 0 ] || continue
-    if [ "$interrupted" -gt 0 ]; then
-      # A front-end that had not begun leaves nothing to wait for.
-      if [ "$name" = frontend ]; then stop_all; fi
-      continue
-    fi
-    if [ "$restart" = 1 ] && [ "$status" -gt 128 ] && [ "${tries[$name]}" -lt 5 ]; then
+    [ -z "$patience" ] || [ "$name" = viewer ] || continue
+    if [ "$restart" = 1 ] && [ "$status" -ge 70 ] && [ "${tries[$name]}" -lt "$restarts" ]; then
       tries[$name]=$((tries[$name] + 1))
-      echo "hp2_$name died (status $status): started again, ${tries[$name]} of 5 times" | tee -a "$logs/$name.log" >&2
+      echo "hp2_$name died (status $status): started again, ${tries[$name]} of $restarts times" | tee -a "$logs/$name.log" >&3
       start "$name"
-      running=1
       continue
     fi
-    if [ "$name" = player ]; then
-      # Its drive cannot be read further: keep what was registered.
-      if alive frontend; then
-        kill -TERM "${pid[frontend]}"
-        if wait "${pid[frontend]}" && alive viewer; then wait "${pid[viewer]}" || :; fi
-      fi
-    fi
+    [ "${tries[$name]}" -lt "$restarts" ] || echo "hp2_$name has died $((restarts + 1)) times: given up" >&3
     fail "$name" "$status"
   done
-  [ "$running" = 1 ] || break
-  sleep 0.2 || true
+  # All is written: who was just started again, or missed the end, need not wait for what will not come.
+  if [ -z "$patience" ] && [ "${ended[viewer]:-}" = 0 ]; then patience=$((SECONDS + 10)); fi
+  if [ -n "$patience" ] && [ "$SECONDS" -ge "$patience" ]; then stop_at_once; fi
+  if [ "$interrupted" = 0 ] && all_over; then break; fi
+  sleep 0.2 || :
 done
 trap - EXIT
-[ "$interrupted" -eq 0 ] || exit 130
 echo "results in $out: map.ply, map_topdown.png, trajectory.png, poses_tum.txt, poses_kitti.txt, summary.json, report.html"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what is missing (Debian packages only) and builds everything into build/.
 #   scripts/setup.sh [--build DIR] [--targets "NAME ..."] [--fuzz] [-DOPTION=VALUE ...]      e.g. -DHP2_NATIVE=ON
-# --fuzz also installs clang, which the fuzz targets need.
+# --fuzz also installs clang, which the fuzz targets need; without it they are left out.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -21,11 +21,9 @@ done
 packages=(build-essential cmake ninja-build liblcm-dev liblcm-bin libeigen3-dev libopencv-dev libceres-dev
   libspdlog-dev libgtest-dev libgmock-dev libtbb-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev
   sqlite3 libbenchmark-dev robin-map-dev libjs-chart.js python3 iproute2)
-[ "$fuzz" = 0 ] || packages+=(clang-14 libclang-rt-14-dev)
+installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q '^install ok installed$'; }
 missing=()
-for package in "${packages[@]}"; do
-  dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$package")
-done
+for package in "${packages[@]}"; do installed "$package" || missing+=("$package"); done
 if [ ${#missing[@]} -gt 0 ]; then
   command=(apt-get install -y --no-install-recommends "${missing[@]}")
   if [ "$(id -u)" -ne 0 ]; then
@@ -36,7 +34,13 @@ if [ ${#missing[@]} -gt 0 ]; then
   apt-get update
   DEBIAN_FRONTEND=noninteractive "${command[@]}"
 fi
+if [ "$fuzz" = 1 ] && ! command -v clang++ clang++-14 >/dev/null; then
+  command=(apt-get install -y --no-install-recommends clang-14 libclang-rt-14-dev)
+  if [ "$(id -u)" -ne 0 ] || ! { apt-get update && DEBIAN_FRONTEND=noninteractive "${command[@]}"; }; then
+    echo "setup.sh: there is no clang++, which the fuzz targets need. Install it with: sudo ${command[*]}" >&2
+  fi
+fi
 
-cmake -S . -B "$build" -G Ninja ${options[@]+"${options[@]}"}
+cmake -S . -B "$build" -G Ninja -DHP2_PRECOMPILE=ON ${options[@]+"${options[@]}"}
 # shellcheck disable=SC2086  # several names in one word
 cmake --build "$build" --parallel "$(nproc)" --target $targets

@@ -2,36 +2,105 @@
 # Builds and runs the tests.
 #   scripts/test.sh              unit and integration tests (build/)
 #   scripts/test.sh --sanitize   unit tests with address and undefined-behaviour sanitizers (build-asan/)
-#   scripts/test.sh --long       the integration tests that take minutes each: restarts, losses, two hosts, overload, hostile input
-#   scripts/test.sh --all        the first, and the sanitizers over common and player: what CI runs
+#   scripts/test.sh --fuzz       fuzz targets, HP2_FUZZ_SECONDS (60) each, two at a time (build-asan/; needs clang)
+#   scripts/test.sh --tsan       unit and quick integration tests with the thread sanitizer (build-tsan/)
+#   scripts/test.sh --long       integration tests that take minutes each: restarts, losses, two hosts, overload, hostile input
+#   scripts/test.sh --all        the first three: what CI runs
 # More words go to ctest, e.g. scripts/test.sh -R transport
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-plain=1 long=0 sanitized=()
-unit_programs=(common_tests player_tests frontend_tests backend_tests transport_tests evaluation_tests viewer_headless_tests)
+what=plain
 case ${1:-} in
-  --sanitize) plain=0 sanitized=("${unit_programs[@]}") && shift ;;
-  --long) plain=0 long=1 && shift ;;
-  --all) sanitized=(common_tests player_tests) && shift ;;
-  -h | --help) sed -n '2,8s/^# \{0,1\}//p' "$0" && exit 0 ;;
+  --sanitize | --fuzz | --tsan | --long | --all) what=${1#--} && shift ;;
+  -h | --help) sed -n '2,9s/^# \{0,1\}//p' "$0" && exit 0 ;;
 esac
+unit_programs="common_tests transport_tests evaluation_tests player_tests frontend_tests backend_tests viewer_headless_tests"
+processes="hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_injector hp2_eval"
+fuzz_targets="messages point_files trajectories"
+# Without -g and with few optimisations a sanitizer build takes as long as a plain one.
+sanitizer_options=(-DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1)
+words=("$@")
 
-run() { ctest --test-dir "$1" --output-on-failure --no-tests=error "${@:2}"; }
+run() { ctest --test-dir "$1" --output-on-failure --no-tests=error "${@:2}" ${words[@]+"${words[@]}"}; }
 
-if [ ${#sanitized[@]} -gt 0 ]; then
-  scripts/setup.sh --build build-asan --targets "${sanitized[*]}" -DHP2_SANITIZE=address,undefined \
-    -DCMAKE_BUILD_TYPE=RelWithDebInfo
-  for program in "${sanitized[@]}"; do
-    UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 run build-asan -L unit -R "^${program%_tests}[.]" -j "$(nproc)" "$@"
-  done
-fi
-if [ "$plain" = 1 ] || [ "$long" = 1 ]; then
-  scripts/setup.sh
-fi
-if [ "$long" = 1 ]; then run build -L long "$@"; fi
-if [ "$plain" = 1 ]; then
+timed() {
+  local since=$SECONDS
+  "${@:2}"
+  echo "== $1: $((SECONDS - since)) s"
+}
+
+plain() {
+  timed "plain build" scripts/setup.sh
   # Unit tests side by side; integration tests one at a time, they measure time and use both cores.
-  run build -L unit -j "$(nproc)" "$@"
-  run build -L integration "$@"
-fi
+  timed "unit tests" run build -L unit -j "$(nproc)"
+  timed "integration tests" run build -L integration
+}
+
+long() {
+  timed "plain build" scripts/setup.sh
+  timed "long integration tests" run build -L long
+}
+
+sanitize() {
+  timed "sanitizer build" scripts/setup.sh --build build-asan --targets "$unit_programs" \
+    -DHP2_SANITIZE=address,undefined "${sanitizer_options[@]}"
+  UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 ASAN_OPTIONS=detect_stack_use_after_return=1 \
+    timed "unit tests with sanitizers" run build-asan -L unit -j "$(nproc)"
+}
+
+tsan() {
+  timed "thread sanitizer build" scripts/setup.sh --build build-tsan --targets "$unit_programs $processes" \
+    -DHP2_SANITIZE=thread "${sanitizer_options[@]}"
+  export TSAN_OPTIONS="suppressions=$PWD/tests/tsan.supp:halt_on_error=0:exitcode=66:second_deadlock_stack=1"
+  timed "unit tests with the thread sanitizer" run build-tsan -L unit -j "$(nproc)"
+  timed "integration tests with the thread sanitizer" run build-tsan -R 'integration.(four_processes|twin|injector|replay)'
+}
+
+fuzz_one() {
+  local folder=build-asan/fuzz/$1
+  mkdir -p "$folder/corpus"
+  ASAN_OPTIONS=allocator_may_return_null=0 UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
+    "build-asan/bin/hp2_fuzz_$1" -max_total_time="${HP2_FUZZ_SECONDS:-60}" -max_len=20000 -timeout=10 -rss_limit_mb=2048 \
+    -print_final_stats=1 -artifact_prefix="$folder/" "$folder/corpus" "tests/fuzz/seeds/$1" >"$folder/log" 2>&1 && return
+  tail -n 40 "$folder/log"
+  echo "fuzz target $1 failed; the input is in $folder/"
+  return 1
+}
+
+fuzz() {
+  timed "fuzz build" scripts/setup.sh --fuzz --build build-asan --targets hp2_fuzz -DHP2_SANITIZE=address,undefined \
+    "${sanitizer_options[@]}"
+  local target failed=0 sum=0 n
+  for target in $fuzz_targets; do
+    [ -x "build-asan/bin/hp2_fuzz_$target" ] && continue
+    echo "no clang++: the fuzz targets are left out (Debian packages clang-14 and libclang-rt-14-dev)"
+    return 0
+  done
+  for target in $fuzz_targets; do
+    while [ "$(jobs -rp | wc -l)" -ge 2 ]; do wait -n || failed=1; done
+    fuzz_one "$target" &
+  done
+  while [ -n "$(jobs -p)" ]; do wait -n || failed=1; done
+  for target in $fuzz_targets; do
+    n=$(sed -n 's/^stat::number_of_executed_units: *//p' "build-asan/fuzz/$target/log")
+    echo "fuzzed $target: ${n:-0} inputs"
+    sum=$((sum + ${n:-0}))
+  done
+  echo "fuzzed in all: $sum messages and files"
+  return "$failed"
+}
+
+case $what in
+  plain) plain ;;
+  sanitize) sanitize ;;
+  fuzz) timed "fuzzing" fuzz ;;
+  tsan) tsan ;;
+  long) long ;;
+  all)
+    plain
+    sanitize
+    timed "fuzzing" fuzz
+    echo "== all: $SECONDS s"
+    ;;
+esac

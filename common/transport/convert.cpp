@@ -29,10 +29,10 @@ std::int8_t to_byte(float unit) {
   return static_cast<std::int8_t>(std::lround(std::clamp(unit, -1.0F, 1.0F) * 127.0F));
 }
 
+// Of unit length to 1/127. Not made longer or shorter: rounded again it must give the same bytes, so that a
+// submap is the same to the bit whether it comes from the network or from disk.
 Eigen::Vector3f to_normal(std::int8_t x, std::int8_t y, std::int8_t z) {
-  const Eigen::Vector3f n(x, y, z);
-  const float length = n.norm();
-  return length > 0.0F ? Eigen::Vector3f(n / length) : Eigen::Vector3f::Zero();
+  return Eigen::Vector3f(x, y, z) / 127.0F;
 }
 
 submap_scan_t to_message(const ScanPose& scan) {

@@ -47,14 +47,14 @@ EncodedMessagePtr MessageLoader::get(std::int64_t id) {
   return nullptr;
 }
 
-void MessageLoader::rethrow_error() {
+void MessageLoader::rethrow_error(std::int64_t last) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (error_) std::rethrow_exception(error_);
+  if (!errors_.empty() && errors_.begin()->first <= last) std::rethrow_exception(errors_.begin()->second);
 }
 
 std::optional<std::int64_t> MessageLoader::choose() const {
   const auto open = [this](std::int64_t id) {
-    return id >= 0 && id < end_ && ready_.count(id) == 0 && busy_.count(id) == 0;
+    return id >= 0 && id < end_ && ready_.count(id) == 0 && busy_.count(id) == 0 && errors_.count(id) == 0;
   };
   if (open(missed_)) return missed_;
   for (std::int64_t id = wanted_; id <= wanted_ + ahead_; ++id) {
@@ -66,7 +66,7 @@ std::optional<std::int64_t> MessageLoader::choose() const {
 void MessageLoader::work() {
   std::unique_lock<std::mutex> lock(mutex_);
   while (!stop_) {
-    const auto id = error_ ? std::nullopt : choose();
+    const auto id = choose();
     if (!id) {
       wake_.wait(lock);
       continue;
@@ -86,7 +86,7 @@ void MessageLoader::work() {
       ready_[*id] = std::move(message);
       if (missed_ == *id) missed_ = -1;
     } else {
-      error_ = error;
+      errors_[*id] = error;
     }
   }
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <limits>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -33,8 +34,9 @@ class MessageLoader {
   void set_end(std::int64_t end);
   /// The message if it is ready; otherwise it is made next. Never blocks.
   EncodedMessagePtr get(std::int64_t id);
-  /// Throws what a worker threw, if one did.
-  void rethrow_error();
+  /// Throws what was thrown for the first message that cannot be made, if its id is at most `last`: the
+  /// messages before it can still be fetched.
+  void rethrow_error(std::int64_t last = std::numeric_limits<std::int64_t>::max());
 
  private:
   void work();
@@ -47,7 +49,7 @@ class MessageLoader {
   std::map<std::int64_t, EncodedMessagePtr> ready_;
   std::set<std::int64_t> busy_;
   std::int64_t end_ = 0, wanted_ = 0, missed_ = -1;
-  std::exception_ptr error_;
+  std::map<std::int64_t, std::exception_ptr> errors_;  // by message
   bool stop_ = false;
   std::vector<std::thread> threads_;
 };

@@ -5,6 +5,7 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
+#include <random>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -12,7 +13,9 @@
 #include <gtest/gtest.h>
 
 #include "backend/backend.hpp"
+#include "backend/session_check.hpp"
 #include "backend/sqlite.hpp"
+#include "backend/submap_codec.hpp"
 #include "backend_fixtures.hpp"
 #include "common/error.hpp"
 
@@ -87,6 +90,23 @@ TEST(SessionStore, GivesBackWhatWasStored) {
         EXPECT_EQ(r.scans[i].diagnostics.ms, m.scans[i].diagnostics.ms);
       }
     }
+  }
+}
+
+// A back-end that was started again reads from disk what the other one got from the network.
+TEST(SessionStore, NormalsAreTheSameBitsFromTheNetworkAndFromDisk) {
+  Submap made = random_chain(1)[0];
+  std::mt19937 rng(4);
+  std::normal_distribution<float> normal;
+  for (auto& n : made.normals) n = Eigen::Vector3f(normal(rng), normal(rng), normal(rng)).normalized();
+  ASSERT_GT(made.normals.size(), 50U);
+  Submap received, stored;
+  decode_points(encode_points(made), "as from the network", received);
+  decode_points(encode_points(received), "from disk", stored);
+  EXPECT_EQ(received.normals, stored.normals);
+  EXPECT_EQ(encode_points(received), encode_points(stored));
+  for (std::size_t i = 0; i < made.normals.size(); ++i) {
+    EXPECT_LT((received.normals[i] - made.normals[i]).cwiseAbs().maxCoeff(), 0.51F / 127.0F);
   }
 }
 
@@ -181,6 +201,46 @@ TEST(SessionStore, KilledAtAnyMomentTheSessionIsWholeUpToTheLastCommit) {
     ASSERT_EQ(backend.graph().map_from_submap.size(), static_cast<std::size_t>(store.submap_count()));
     backend.add_submap(chain[store.submap_count()], {}, false);
   }
+}
+
+TEST(SessionStore, ASecondBackEndOnTheSameSessionIsRefused) {
+  TemporaryFolder folder;
+  const SessionStore first(folder.path());
+  EXPECT_THAT(error_of([&] { SessionStore second(folder.path()); }), HasSubstr("in use by another back-end"));
+  EXPECT_THAT(error_of([&] { check_session(folder.path(), {}); }), HasSubstr("in use by another back-end"));
+  EXPECT_EQ(error_of([&] { SessionStore reader(folder.path(), Access::kReadOnly); }), "");
+}
+
+TEST(SessionCheck, SaysWhatARunMayDoInAFolder) {
+  TemporaryFolder folder;
+  EXPECT_THAT(check_session(folder.path(), {{"drive", "a"}}), HasSubstr("new session"));
+  EXPECT_FALSE(std::ifstream(folder / "session.sqlite").good()) << "asking has made one";
+  const auto chain = random_chain(3);
+  {
+    SessionStore store(folder.path());
+    store.write_meta({{"drive", "a"}, {"configuration", "x: 1"}});
+    Backend backend({}, store);
+    store_all(backend, {chain[0], chain[1]});
+  }
+  const std::map<std::string, std::string> same{
+      {"drive", "a"}, {"configuration", "x: 1"}, {"started", "now"}};
+  EXPECT_THAT(check_session(folder.path(), same), HasSubstr("going on"));
+  EXPECT_THAT(check_session(folder.path(), same), HasSubstr("20 scans in 2 submaps"));
+  EXPECT_THAT(error_of([&] {
+                check_session(folder.path(), {{"drive", "b"}});
+              }),
+              HasSubstr("another drive: a, not b"));
+  EXPECT_THAT(error_of([&] {
+                check_session(folder.path(), {{"configuration", "x: 2"}});
+              }),
+              HasSubstr("other settings"));
+  {
+    SessionStore store(folder.path());
+    Backend backend({}, store);
+    store_all(backend, {chain[2]}, true);
+  }
+  EXPECT_THAT(error_of([&] { check_session(folder.path(), same); }),
+              HasSubstr("complete: 30 scans in 3 submaps of a"));
 }
 
 TEST(SessionStore, AFullDiskIsSaidAndNothingStoredIsLost) {

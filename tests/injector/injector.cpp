@@ -1,6 +1,6 @@
 // A stand-alone sensor driver: knows LCM and the message types, nothing else of this project. Publishes scans
 // that it makes up (or reads from .bin files) and prints the poses that come back.
-//   injector [--url URL] [--scans N] [--rate HZ] [--points N] [--chunks] [--quiet] [FILE.bin ...]
+//   hp2_injector [--url URL] [--scans N] [--rate HZ] [--points N] [--chunks] [--quiet] [FILE.bin ...]
 // Without files it drives along a street, faster and faster up to 0.5 m a scan, with houses, posts and a wall
 // across its end. A scan that is small goes out whole on HP2_SCAN, a large one (or every one, with --chunks)
 // in pieces on HP2_CHUNK_SCAN.
@@ -164,23 +164,62 @@ struct Listener {
   }
 };
 
+void print_usage(std::FILE* to) {
+  std::fputs(
+      "usage: hp2_injector [options] [FILE.bin ...]\n"
+      "Publishes scans as a sensor driver would, and prints the poses that come back.\n\n"
+      "  --url URL    LCM network (default udpm://239.255.76.67:7667?ttl=0)\n"
+      "  --scans N    scans to make up (default 100); with files: one a file\n"
+      "  --rate HZ    scans a second (default 10)\n"
+      "  --points N   points of a made-up scan (default 6000)\n"
+      "  --chunks     every scan in pieces on HP2_CHUNK_SCAN; without, only one that is larger than 60,000 "
+      "bytes\n"
+      "  --quiet      no line a pose\n"
+      "  FILE.bin     scans as float32 x y z intensity, instead of made-up ones\n"
+      "Exit status: 0 if poses came back, 1 if none, 2 for a wrong command line.\n",
+      to);
+}
+
+[[noreturn]] void wrong(const std::string& what) {
+  std::fprintf(stderr, "hp2_injector: %s\n\n", what.c_str());
+  print_usage(stderr);
+  std::exit(2);
+}
+
+double number(const std::string& option, const std::string& text, double least) {
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  if (text.empty() || *end != '\0' || !(value >= least) || value > 1e9)
+    wrong(option + " \"" + text + "\" is not a number from " + std::to_string(least) + " on");
+  return value;
+}
+
 Options parse(int argc, char** argv) {
   Options o;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    const auto value = [&] { return std::string(i + 1 < argc ? argv[++i] : ""); };
+    const auto value = [&] {
+      if (i + 1 >= argc) wrong(word + " needs a value");
+      return std::string(argv[++i]);
+    };
+    if (word == "-h" || word == "--help") {
+      print_usage(stdout);
+      std::exit(0);
+    }
     if (word == "--url")
       o.url = value();
     else if (word == "--scans")
-      o.scans = std::atoi(value().c_str());
+      o.scans = static_cast<int>(number(word, value(), 1));
     else if (word == "--rate")
-      o.rate_hz = std::atof(value().c_str());
+      o.rate_hz = number(word, value(), 0.001);
     else if (word == "--points")
-      o.points = std::atoi(value().c_str());
+      o.points = static_cast<int>(number(word, value(), 1));
     else if (word == "--chunks")
       o.chunks = true;
     else if (word == "--quiet")
       o.quiet = true;
+    else if (word.rfind('-', 0) == 0)
+      wrong("unknown option " + word);
     else
       o.files.push_back(word);
   }
@@ -193,7 +232,10 @@ Options parse(int argc, char** argv) {
 int main(int argc, char** argv) {
   const Options options = parse(argc, argv);
   lcm::LCM lcm(options.url);
-  if (!lcm.good()) return 1;
+  if (!lcm.good()) {
+    std::fprintf(stderr, "hp2_injector: LCM cannot be started with %s\n", options.url.c_str());
+    return 1;
+  }
   Listener listener;
   listener.quiet = options.quiet;
   if (lcm.subscribe("HP2_ODOMETRY", &Listener::on_odometry, &listener) == nullptr) return 1;

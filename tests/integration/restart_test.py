@@ -34,8 +34,7 @@ def disturbed(name, scans, seed, truth):
         same = same_poses(run, truth)
         print(f"{name}: killed at scans {moments}, poses {'the same bit for bit' if same else 'DIFFERENT'}, "
               f"ATE {ate(run):.4f} m (undisturbed {ate(truth):.4f} m)")
-        if name != "backend":
-            expect(same, f"the poses differ after {name} was killed")
+        expect(same, f"the poses differ after {name} was killed")
         expect(ate(run) <= 1.1 * ate(truth) + 1e-3, "the trajectory is worse")
         accepted = [sum(",true," in line for line in (r.out / "closures.csv").read_text().splitlines())
                     for r in (run, truth)]
