@@ -109,7 +109,9 @@ class Runner:
         if not reused:
             folder.mkdir(parents=True, exist_ok=True)
             stamp_file.write_text(json.dumps(stamp, indent=1))
-            self._run(command, folder / "run_slam.log")  # goes on where an interrupted run stopped
+            # After Ctrl-C a session is closed with what it has: begun anew, whatever is there.
+            anew = ["--overwrite"] if (folder / "session").exists() else []
+            self._run(command + anew, folder / "run_slam.log")
             summary = _read_json(folder / "summary.json")
             if summary is None:
                 raise RunFailed(f"{folder / 'summary.json'} was not written (log: {folder / 'run_slam.log'})")
