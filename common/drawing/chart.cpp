@@ -63,7 +63,7 @@ std::vector<LegendEntry> legend(const Chart& chart) {
   return out;
 }
 
-double text_width(const std::string& text) { return 0.56 * kTextPx * static_cast<double>(text.size()); }
+double text_width(const std::string& text) { return 0.62 * kTextPx * static_cast<double>(text.size()); }
 
 // The legend lies in rows below the title; returns their number. Draws only if there is a canvas.
 int legend_rows(const std::vector<LegendEntry>& entries, double x0, double y0, double width, Canvas* canvas) {

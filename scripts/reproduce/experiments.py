@@ -123,7 +123,8 @@ def accuracy(runner, data, name, found):
     for drive in found:
         if outcomes[drive] and outcomes[drive]["accuracy"]:
             try:
-                pictures = runner.trajectory_figures(drive, outcomes[drive]["folder"], f"{name}_{drive.name}")
+                stem = drive.name if drive.name.lower().startswith(name) else f"{name}_{drive.name}"
+                pictures = runner.trajectory_figures(drive, outcomes[drive]["folder"], stem)
                 result.figures += [(p, f"{drive.name}: {'error along the path' if '_errors.' in p else 'trajectory'}")
                                    for p in pictures]
             except RunFailed as failure:
@@ -184,7 +185,7 @@ def ablation(runner, data, name, found):
                        digits=3)
     if columns:
         for row in table["rows"]:
-            comparison.add(row["method"] + " (paper)", row["values"] + [None] * len(others))
+            comparison.add(row["method"].replace(" (ours)", "") + " (paper)", row["values"] + [None] * len(others), 2)
         comparison.groups.append(len(comparison.rows))
     for mode in modes:
         label = f"{mode} (this run{', the default' if mode == default else ''})"

@@ -15,25 +15,29 @@ class Table:
     digits: int = 2
     rank: bool = False  # mark the smallest and second smallest number of each column
     groups: list = dataclasses.field(default_factory=list)  # row numbers before which a rule is drawn (text only)
+    _digits: dict = dataclasses.field(default_factory=dict)
     unranked: list = dataclasses.field(default_factory=list)  # row numbers that are not compared with the others
 
-    def add(self, name, cells):
+    def add(self, name, cells, digits=None):
+        """`digits`: of this row's numbers, where its source has others than the table."""
         self.rows.append((name, list(cells)))
+        self._digits[len(self.rows) - 1] = self.digits if digits is None else digits
 
-    def _text(self, value):
+    def _text(self, row, value):
         if value is None:
             return "-"
-        return f"{value:.{self.digits}f}" if isinstance(value, float) else str(value)
+        return f"{value:.{self._digits[row]}f}" if isinstance(value, float) else str(value)
 
     def _places(self):
         """(row, column) -> 1 or 2 for the best and the second best, as printed; equal ones share a place."""
         places = {}
         for c in range(len(self.columns)):
             compared = [(r, cells) for r, (_, cells) in enumerate(self.rows) if r not in self.unranked]
-            numbers = sorted({self._text(cells[c]) for _, cells in compared if isinstance(cells[c], float)}, key=float)
-            for r, cells in compared:
-                if isinstance(cells[c], float) and self._text(cells[c]) in numbers[:2]:
-                    places[r, c] = numbers.index(self._text(cells[c])) + 1
+            printed = {r: float(self._text(r, cells[c])) for r, cells in compared if isinstance(cells[c], float)}
+            numbers = sorted(set(printed.values()))
+            for r, value in printed.items():
+                if value in numbers[:2]:
+                    places[r, c] = numbers.index(value) + 1
         return places if self.rank else {}
 
     def text(self):
@@ -41,7 +45,7 @@ class Table:
         marks = {1: "*", 2: "+"}
         grid = [[self.corner, *self.columns]]
         for r, (name, cells) in enumerate(self.rows):
-            grid.append([name, *(self._text(v) + marks.get(places.get((r, c)), " " if self.rank else "")
+            grid.append([name, *(self._text(r, v) + marks.get(places.get((r, c)), " " if self.rank else "")
                                  for c, v in enumerate(cells))])
         widths = [max(len(row[c]) for row in grid) for c in range(len(grid[0]))]
         lines = [self.title]
@@ -68,7 +72,7 @@ class Table:
         lines = [f"## {self.title}", "", "| " + " | ".join(map(escape, [self.corner, *self.columns])) + " |",
                  "|---" + "|---:" * len(self.columns) + "|"]
         for r, (name, cells) in enumerate(self.rows):
-            texts = [dress.get(places.get((r, c)), "{}").format(escape(self._text(v))) for c, v in enumerate(cells)]
+            texts = [dress.get(places.get((r, c)), "{}").format(escape(self._text(r, v))) for c, v in enumerate(cells)]
             lines.append("| " + " | ".join([escape(name), *texts]) + " |")
         if self.rank:
             lines += ["", "Bold: best, underlined: second best of the column."]
