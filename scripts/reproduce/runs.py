@@ -4,6 +4,7 @@ import os
 import pathlib
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -76,8 +77,9 @@ class Runner:
         log.parent.mkdir(parents=True, exist_ok=True)
         words = []
         with open(log, "w", encoding="utf-8", errors="replace") as file:
+            # A session of its own: Ctrl-C reaches this program alone, which passes it on once.
             process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                       errors="replace", bufsize=1)
+                                       errors="replace", bufsize=1, start_new_session=True)
             try:
                 for line in process.stdout:
                     file.write(line)
@@ -86,7 +88,12 @@ class Runner:
                         self._show(line.strip())
                 status = process.wait()
             except KeyboardInterrupt:
-                process.wait()  # it got the same signal and stores what it has
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait()  # it stores what it has
+                except KeyboardInterrupt:  # again: at once
+                    process.send_signal(signal.SIGINT)
+                    process.wait()
                 raise
         if status != 0:
             errors = [w for w in words if "error" in w.lower()] or [w for w in words if w] or ["it said nothing"]
