@@ -159,18 +159,18 @@ bool Frontend::Impl::usable_times(const Scan& scan) {
                      std::to_string(scan.time.size()) + " times in the sweep: such scans are not deskewed");
     return false;
   }
-  float low = 2.0F, high = -1.0F;
-  bool finite = true;
+  // Without branches: a pass over all points of every scan.
+  unsigned bad = 0, differs = 0;
+  const float first = scan.time.front();
   for (const float t : scan.time) {
-    finite = finite && t >= -0.01F && t <= 1.01F;
-    low = std::min(low, t);
-    high = std::max(high, t);
+    bad |= static_cast<unsigned>(!((t >= -0.01F) & (t <= 1.01F)));  // true for NaN as well
+    differs |= static_cast<unsigned>(t != first);
   }
-  if (!finite) {
+  if (bad != 0) {
     warn_once(2, "times in the sweep are not finite or outside 0..1: such scans are not deskewed");
     return false;
   }
-  if (!(high > low)) {
+  if (differs == 0) {
     warn_once(3, "times in the sweep are all equal: such scans are not deskewed");
     return false;
   }
@@ -265,7 +265,7 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
         break;
       sweep_twist += change;
       deskew(sweep_twist);
-      const IcpResult again = icp_.align(map_, source_, icp.map_from_source, sigma, parallel_, &prior);
+      const IcpResult again = icp_.align_again(map_, source_, icp.map_from_source, sigma, parallel_, &prior);
       const int before = icp.iterations;
       icp = again;
       icp.iterations += before;
@@ -296,7 +296,7 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   }
   clock.lap_ms();
   motion_.add(pose, o.utime);
-  map_.insert(points_, pose);
+  map_.insert(points_, pose, parallel_);
   // Eviction visits every block, so it waits until the sensor has moved by a few of them.
   constexpr double kEvictionStep = 5.0;
   if ((pose.translation - evicted_at_).norm() > kEvictionStep) {

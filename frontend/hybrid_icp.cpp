@@ -10,7 +10,7 @@ namespace hp2 {
 namespace {
 
 constexpr std::size_t kBlock =
-    512;  // source points a block; fixed, so that sums do not depend on the threads
+    256;  // source points a block; fixed, so that sums do not depend on the threads
 
 class Stopwatch {
  public:
@@ -32,6 +32,8 @@ double robust_weight(double squared_error, double c2) {
   return c2 / (d * d);
 }
 
+constexpr std::size_t kFewPoints = 800;  // of which no part is left out
+constexpr std::size_t kCoarseStride = 4;
 constexpr float kEmptyMove = 0.2F;  // of a voxel
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
@@ -69,64 +71,58 @@ Step solve(const Matrix6d& information, const Vector6d& gradient, double lever, 
 
 }  // namespace
 
-void HybridIcp::search(const LocalMap& map, const std::vector<Eigen::Vector3f>& source,
-                       const Pose& local_from_source, const Parallel& parallel) {
+void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose& local_from_source,
+                       Part& part) {
   const Eigen::Matrix3f r = local_from_source.rotation.toRotationMatrix().cast<float>();
   const Eigen::Vector3f t = local_from_source.translation.cast<float>();
   const auto edge = static_cast<float>(map.voxel_size_m());
   const float inverse_edge = 1.0F / edge;
-  parallel.for_blocks(source.size(), kBlock, [&](std::size_t, std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      Correspondence& c = correspondences_[i];
-      const Eigen::Vector3f p = r * source[i] + t;
-      if (c.other_distance >= 0.0F) {
-        // The last answer stands while no other point can have become nearer than the one it named; that
-        // there was none stands until the point has moved by a part of a voxel.
-        const float moved = (p - c.searched_at).norm();
-        if (c.voxel < 0 && moved < kEmptyMove * edge) continue;
-        const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
-        if (distance <= c.other_distance - moved) continue;
-      }
-      VoxelPoint at;
-      for (int a = 0; a < 3; ++a) {
-        const auto v = static_cast<int>(std::floor(p[a] * inverse_edge));
-        at.voxel[a] = v + origin_[a];
-        at.offset[a] = p[a] - static_cast<float>(v) * edge;
-      }
-      const NearestPoint nearest = map.nearest(at);
-      c.searched_at = p;
-      c.other_distance = nearest.other_distance_m;
-      c.voxel = nearest.voxel;
-      if (nearest.voxel >= 0) {
-        c.target = (map.voxel_coordinates(nearest.voxel) - origin_).cast<float>() * edge +
-                   map.point_offset(nearest.voxel, nearest.slot);
-        c.fresh = true;
-      }
+  part.fresh.clear();
+  LocalMap::Cursor cursor;
+  for (std::size_t i = source.begin; i < source.end; i += source.stride) {
+    Correspondence& c = correspondences_[i];
+    const Eigen::Vector3f p = r * source.points[i] + t;
+    if (c.other_distance >= 0.0F) {
+      // The last answer stands while no other point can have become nearer than the one it named; that
+      // there was none stands until the point has moved by a part of a voxel.
+      const float moved = (p - c.searched_at).norm();
+      if (c.voxel < 0 && moved < kEmptyMove * edge) continue;
+      const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
+      if (distance <= c.other_distance - moved) continue;
     }
-  });
+    VoxelPoint at;
+    Eigen::Vector3f corner;
+    for (int a = 0; a < 3; ++a) {
+      const float scaled = p[a] * inverse_edge;
+      const auto truncated = static_cast<int>(scaled);
+      const int v = truncated - (scaled < static_cast<float>(truncated) ? 1 : 0);
+      at.voxel[a] = v + origin_[a];
+      corner[a] = static_cast<float>(v) * edge;
+      at.offset[a] = p[a] - corner[a];
+    }
+    const NearestPoint nearest = map.nearest(at, cursor);
+    c.searched_at = p;
+    c.other_distance = nearest.other_distance_m;
+    c.voxel = nearest.voxel;
+    if (nearest.voxel >= 0) {
+      c.target = corner + nearest.offset;
+      part.fresh.push_back(static_cast<std::uint32_t>(i));
+    }
+  }
 }
 
-void HybridIcp::classify(LocalMap& map, const Parallel& parallel) {
-  ++epoch_;
-  stale_.clear();
-  for (const Correspondence& c : correspondences_) {
-    if (!c.fresh || !map.planarity_stale(c.voxel)) continue;
-    const auto v = static_cast<std::size_t>(c.voxel);
-    if (v >= listed_.size()) listed_.resize(v + v / 2 + 1024, 0);
-    if (listed_[v] == epoch_) continue;
-    listed_[v] = epoch_;
-    stale_.push_back(c.voxel);
-  }
-  parallel.for_blocks(stale_.size(), 64, [&](std::size_t, std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) map.update_planarity(stale_[i]);
-  });
+void HybridIcp::classify(const LocalMap& map, Part& part) {
+  part.planarities.clear();
   const auto n_min = static_cast<float>(config_.n_min);
-  for (Correspondence& c : correspondences_) {
-    if (!c.fresh) continue;
-    c.fresh = false;
+  for (const std::uint32_t i : part.fresh) {
+    Correspondence& c = correspondences_[i];
     c.normal.setZero();
     if (config_.mode == IcpMode::kPointToPoint) continue;
-    const Planarity& shape = map.planarity(c.voxel);
+    if (map.planarity_stale(c.voxel)) {
+      part.planarities.emplace_back(c.voxel, analyse(map.neighbourhood_moments(c.voxel)));
+    }
+    const Planarity& shape =
+        map.planarity_stale(c.voxel) ? part.planarities.back().second : map.planarity(c.voxel);
     if (shape.n < n_min) continue;
     double tau = 1.0;
     if (config_.mode == IcpMode::kFixedThreshold) {
@@ -139,40 +135,68 @@ void HybridIcp::classify(LocalMap& map, const Parallel& parallel) {
   }
 }
 
-NormalEquations HybridIcp::accumulate(const std::vector<Eigen::Vector3f>& source,
-                                      const Pose& local_from_source, double sigma, double max_distance,
-                                      const Parallel& parallel) {
+void HybridIcp::accumulate(const Selection& source, const Pose& local_from_source, double sigma_m,
+                           Part& part) const {
   const Eigen::Matrix3d r = local_from_source.rotation.toRotationMatrix();
   const Eigen::Vector3d t = local_from_source.translation;
-  const double c2 = sigma * sigma;
-  const double max2 = max_distance * max_distance;
+  const double c2 = sigma_m * sigma_m;
+  const double max2 = 9.0 * c2;
   const bool plane_only = config_.mode == IcpMode::kPointToPlane;
   const bool in_plane = config_.mode == IcpMode::kRobust;
-  partial_.assign(Parallel::block_count(source.size(), kBlock), NormalEquations());
-  parallel.for_blocks(source.size(), kBlock, [&](std::size_t block, std::size_t begin, std::size_t end) {
-    NormalEquations sums;
-    for (std::size_t i = begin; i < end; ++i) {
-      const Correspondence& c = correspondences_[i];
-      if (c.voxel < 0) continue;
-      const Eigen::Vector3d p = r * source[i].cast<double>() + t;
-      const Eigen::Vector3d residual = p - c.target.cast<double>();
-      const double squared = residual.squaredNorm();
-      if (squared > max2) continue;
-      const Eigen::Vector3d n = c.normal.cast<double>();
-      const double e = n.dot(residual);
-      constexpr double kFit2 = 0.2 * 0.2;
-      sums.fit += kFit2 / (kFit2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared));
-      if (c.normal != Eigen::Vector3f::Zero()) {
-        sums.planar.add(p, n, e, robust_weight(e * e, c2));
-        if (in_plane) sums.planar_points.add(p, residual, robust_weight(squared, c2));
-      } else if (!plane_only) {
-        sums.non_planar.add(p, residual, robust_weight(squared, c2));
-      }
+  NormalEquations& sums = part.sums;
+  sums = NormalEquations();
+  for (std::size_t i = source.begin; i < source.end; i += source.stride) {
+    const Correspondence& c = correspondences_[i];
+    if (c.voxel < 0) continue;
+    const Eigen::Vector3d p = r * source.points[i].cast<double>() + t;
+    const Eigen::Vector3d residual = p - c.target.cast<double>();
+    const double squared = residual.squaredNorm();
+    if (squared > max2) continue;
+    const Eigen::Vector3d n = c.normal.cast<double>();
+    const double e = n.dot(residual);
+    constexpr double kFit2 = 0.2 * 0.2;
+    sums.fit += kFit2 / (kFit2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared));
+    if (c.normal != Eigen::Vector3f::Zero()) {
+      sums.planar.add(p, n, e, robust_weight(e * e, c2));
+      if (in_plane) sums.planar_points.add(p, residual, robust_weight(squared, c2));
+    } else if (!plane_only) {
+      sums.non_planar.add(p, residual, robust_weight(squared, c2));
     }
-    partial_[block] = sums;
+  }
+}
+
+// Correspondences and their sums in one pass over the points, block by block while they are in the cache.
+NormalEquations HybridIcp::linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source,
+                                     std::size_t stride, const Pose& local_from_source, double sigma_m,
+                                     const Parallel& parallel, IcpResult& result) {
+  Stopwatch whole;
+  const std::size_t span = kBlock * stride;
+  const std::size_t parts = Parallel::block_count(source.size(), span);
+  if (parts_.size() < parts) parts_.resize(parts);
+  parallel.for_blocks(source.size(), span, [&](std::size_t block, std::size_t begin, std::size_t end) {
+    Part& part = parts_[block];
+    const Selection selection{source, stride, begin, end};
+    Stopwatch watch;
+    search(map, selection, local_from_source, part);
+    part.ms[0] = watch.lap();
+    classify(map, part);
+    part.ms[1] = watch.lap();
+    accumulate(selection, local_from_source, sigma_m, part);
+    part.ms[2] = watch.lap();
   });
   NormalEquations total;
-  for (const auto& p : partial_) total.add(p);
+  double ms[3] = {};
+  for (std::size_t b = 0; b < parts; ++b) {
+    const Part& part = parts_[b];
+    total.add(part.sums);
+    for (const auto& [voxel, planarity] : part.planarities) map.set_planarity(voxel, planarity);
+    for (int k = 0; k < 3; ++k) ms[k] += part.ms[k];
+  }
+  // The threads' times, scaled to what the whole has taken.
+  const double scale = whole.lap() / std::max(1e-9, ms[0] + ms[1] + ms[2]);
+  result.ms_search += scale * ms[0];
+  result.ms_planarity += scale * ms[1];
+  result.ms_solve += scale * ms[2];
   return total;
 }
 
@@ -205,30 +229,39 @@ Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) con
 
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                            double sigma_m, const Parallel& parallel, const PosePrior* prior) {
+  // All sums are taken about a voxel corner near the sensor: well conditioned, and floats keep their digits.
+  origin_ = map.locate(guess.translation).voxel;
+  correspondences_.assign(source.size(), Correspondence());
+  return iterate(map, source, guess, sigma_m, parallel, prior);
+}
+
+IcpResult HybridIcp::align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                                 double sigma_m, const Parallel& parallel, const PosePrior* prior) {
+  if (correspondences_.size() != source.size()) return align(map, source, guess, sigma_m, parallel, prior);
+  return iterate(map, source, guess, sigma_m, parallel, prior);
+}
+
+IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                             double sigma_m, const Parallel& parallel, const PosePrior* prior) {
   IcpResult result;
   result.map_from_source = guess;
   if (map.empty() || source.empty()) return result;
-  // All sums are taken about a voxel corner near the sensor: well conditioned, and floats keep their digits.
-  origin_ = map.locate(guess.translation).voxel;
   const Eigen::Vector3d origin = origin_.cast<double>() * map.voxel_size_m();
   Pose local(guess.rotation, guess.translation - origin);
-  correspondences_.assign(source.size(), Correspondence());
   double lever2 = 0.0;
   for (const auto& p : source) lever2 += static_cast<double>(p.squaredNorm());
   const double lever = std::sqrt(std::max(1e-6, lever2 / static_cast<double>(source.size())));
-
   result.mean_range_m = lever;
-  const double max_distance = 3.0 * sigma_m;
-  Stopwatch watch;
+
   NormalEquations sums;
   Matrix6d information = Matrix6d::Zero();
+  // Few points tell a long step's direction as well as many.
+  const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() >= kFewPoints;
+  std::size_t stride = coarse_first ? kCoarseStride : 1;
   for (result.iterations = 1; result.iterations <= config_.max_iterations; ++result.iterations) {
-    watch.lap();
-    search(map, source, local, parallel);
-    result.ms_search += watch.lap();
-    classify(map, parallel);
-    result.ms_planarity += watch.lap();
-    sums = accumulate(source, local, sigma_m, max_distance, parallel);
+    if (2 * result.iterations > config_.max_iterations) stride = 1;
+    sums = linearise(map, source, stride, local, sigma_m, parallel, result);
+    Stopwatch watch;
     Vector6d gradient;
     information = balance(sums, gradient);
     Matrix6d total = information;
@@ -248,10 +281,12 @@ IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& so
     result.unobserved_directions = step.unobserved;
     local = se3_exp(step.x) * local;
     result.ms_solve += watch.lap();
-    if (step.x.norm() < config_.convergence_m) {
+    const double length = step.x.norm();
+    if (stride == 1 && length < config_.convergence_m) {
       result.converged = true;
       break;
     }
+    if (length < config_.coarse_step_m) stride = 1;
   }
   result.iterations = std::min(result.iterations, config_.max_iterations);
   result.n_planar = sums.planar.count;

@@ -3,6 +3,7 @@
 // se(3).
 #pragma once
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -31,6 +32,8 @@ struct IcpConfig {
   int n_min = 5;
   int max_iterations = 30;
   double convergence_m = 1e-4;  ///< Ends when a step's translation [m] and rotation [rad] norm is below this.
+  /// While steps are longer than this [m, rad], one in four source points is registered; 0: always all.
+  double coarse_step_m = 0.02;
   double in_plane_weight = 0.3;  ///< kRobust: weight of a planar correspondence's in-plane residual.
   double min_eigenvalue_ratio =
       1e-4;  ///< Directions below this share of the largest eigenvalue are not observed.
@@ -83,6 +86,10 @@ class HybridIcp {
   /// @param prior   kRobust: weighed against what the scan says; nullptr: none
   IcpResult align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                   double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
+  /// The same for the points of the last align() after they have moved a little (deskewed anew) and before
+  /// the map has changed: what was found for them is kept where it still stands.
+  IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                        double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
 
  private:
   struct Correspondence {
@@ -91,23 +98,34 @@ class HybridIcp {
     Eigen::Vector3f normal;        // of the target's neighbourhood; zero: not planar
     float other_distance = -1.0F;  // as NearestPoint; negative: never searched
     std::int32_t voxel = -1;
-    bool fresh = false;  // found by this iteration's search: its normal is to be looked up
+  };
+  // What one iteration leaves of a block of source points.
+  struct Part {
+    NormalEquations sums;
+    std::vector<std::uint32_t> fresh;  // correspondences found by this iteration's search
+    std::vector<std::pair<std::int32_t, Planarity>> planarities;  // computed for voxels where it was stale
+    double ms[3] = {};                                            // search, planarity, sums
+  };
+  // One iteration's source points: every `stride`-th of them.
+  struct Selection {
+    const std::vector<Eigen::Vector3f>& points;
+    std::size_t stride, begin, end;
   };
 
-  void search(const LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& local_from_source,
-              const Parallel& parallel);
-  void classify(LocalMap& map, const Parallel& parallel);
-  NormalEquations accumulate(const std::vector<Eigen::Vector3f>& source, const Pose& local_from_source,
-                             double sigma, double max_distance, const Parallel& parallel);
+  IcpResult iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                    double sigma_m, const Parallel& parallel, const PosePrior* prior);
+  NormalEquations linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source, std::size_t stride,
+                            const Pose& local_from_source, double sigma_m, const Parallel& parallel,
+                            IcpResult& result);
+  void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
+  void classify(const LocalMap& map, Part& part);
+  void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
   Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
 
   IcpConfig config_;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
-  std::vector<std::int32_t> stale_;
-  std::vector<std::uint32_t> listed_;  // per voxel: epoch in which it was put on stale_
-  std::uint32_t epoch_ = 0;
-  std::vector<NormalEquations> partial_;
+  std::vector<Part> parts_;
 };
 
 }  // namespace hp2

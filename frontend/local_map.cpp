@@ -3,64 +3,17 @@
 #include <algorithm>
 #include <cmath>
 
+#include "frontend/local_map_blocks.hpp"
+
 namespace hp2 {
-namespace {
 
-constexpr int kBits = 2;  // a block has 2^kBits voxels along each axis
-constexpr int kMask = (1 << kBits) - 1;
-
-Voxel3i block_of(const Voxel3i& v) { return {v.x() >> kBits, v.y() >> kBits, v.z() >> kBits}; }
-
-int cell_of(const Voxel3i& v) {
-  return (v.x() & kMask) | ((v.y() & kMask) << kBits) | ((v.z() & kMask) << (2 * kBits));
-}
-
-// Offset of neighbour number 0..26; number 13 is the voxel (or block) itself.
-Voxel3i neighbour_offset(int k) { return {k % 3 - 1, (k / 3) % 3 - 1, k / 9 - 1}; }
-
-// For a cell of a block and one of its 27 neighbours: which of the 27 blocks it is in, and which cell there.
-struct Step {
-  std::uint8_t block, cell;
-};
-
-struct Tables {
-  std::array<std::array<Step, 27>, 64> steps;
-  std::array<std::uint8_t, 27> near_first;  // neighbour numbers: the voxel itself, faces, edges, corners
-  std::array<Eigen::Vector3f, 27> offset;
-
-  Tables() {
-    for (int c = 0; c < 64; ++c) {
-      const Voxel3i cell(c & kMask, (c >> kBits) & kMask, c >> (2 * kBits));
-      for (int k = 0; k < 27; ++k) {
-        const Voxel3i v = cell + neighbour_offset(k);
-        const Voxel3i b = block_of(v);
-        steps[static_cast<std::size_t>(c)][static_cast<std::size_t>(k)] = {
-            static_cast<std::uint8_t>((b.x() + 1) + 3 * (b.y() + 1) + 9 * (b.z() + 1)),
-            static_cast<std::uint8_t>(cell_of(v))};
-      }
-    }
-    for (std::size_t k = 0; k < 27; ++k) {
-      near_first[k] = static_cast<std::uint8_t>(k);
-      offset[k] = neighbour_offset(static_cast<int>(k)).cast<float>();
-    }
-    std::stable_sort(near_first.begin(), near_first.end(), [&](int a, int b) {
-      return offset[static_cast<std::size_t>(a)].squaredNorm() <
-             offset[static_cast<std::size_t>(b)].squaredNorm();
-    });
-  }
-};
-
-const Tables& tables() {
-  static const Tables t;
-  return t;
-}
-
-}  // namespace
+using namespace map_blocks;
 
 LocalMap::LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m)
     : voxel_size_(voxel_size_m),
       inverse_voxel_size_(1.0 / voxel_size_m),
       capacity_(static_cast<std::size_t>(std::clamp(max_points_per_voxel, 1, 255))),
+      lines_per_voxel_((capacity_ + kPointsPerLine - 1) / kPointsPerLine),
       min_spacing_(min_spacing_m),
       min_spacing2_(static_cast<float>(min_spacing_m * min_spacing_m)) {}
 
@@ -77,6 +30,22 @@ VoxelPoint LocalMap::locate(const Eigen::Vector3d& p) const {
 std::int32_t LocalMap::find_block(const Voxel3i& block) const {
   const auto it = block_index_.find(voxel_key(block));
   return it == block_index_.end() ? -1 : it->second;
+}
+
+std::int32_t LocalMap::find_block(const Voxel3i& block, Cursor& cursor) const {
+  if (cursor.index >= 0) {
+    const Voxel3i step = block - cursor.block;
+    if (step == Voxel3i::Zero()) return cursor.index;
+    if (step.cwiseAbs().maxCoeff() <= 1) {
+      const std::int32_t b =
+          blocks_[static_cast<std::size_t>(cursor.index)].neighbours[neighbour_number(step)];
+      if (b >= 0) cursor = {block, b};
+      return b;
+    }
+  }
+  const std::int32_t b = find_block(block);
+  if (b >= 0) cursor = {block, b};
+  return b;
 }
 
 std::int32_t LocalMap::find_or_add_block(const Voxel3i& block) {
@@ -105,13 +74,13 @@ std::int32_t LocalMap::find_or_add_block(const Voxel3i& block) {
 
 void LocalMap::remove_block(std::int32_t index) {
   Block& block = blocks_[static_cast<std::size_t>(index)];
-  for (std::size_t c = 0; c < 64; ++c) {
-    const std::int32_t v = block.cells[c];
+  for (const std::int32_t v : block.cells) {
+    if (v >= 0) mark_neighbours_stale(v);
+  }
+  for (const std::int32_t v : block.cells) {
     if (v < 0) continue;
-    Voxel& voxel = voxels_[static_cast<std::size_t>(v)];
-    mark_neighbours_stale(voxel.coordinates);
-    point_count_ -= static_cast<std::size_t>(voxel.count);
-    voxel.count = 0;
+    point_count_ -= static_cast<std::size_t>(count(v));
+    lines_[static_cast<std::size_t>(v) * lines_per_voxel_].count = 0;
     free_voxels_.push_back(v);
   }
   for (std::size_t k = 0; k < 27; ++k) {
@@ -123,81 +92,99 @@ void LocalMap::remove_block(std::int32_t index) {
   free_blocks_.push_back(index);
 }
 
-std::int32_t LocalMap::add_voxel(const Voxel3i& coordinates) {
-  std::int32_t v = 0;
+std::int32_t LocalMap::find_or_add_voxel(const Voxel3i& coordinates, std::int32_t b) {
+  std::int32_t& cell =
+      blocks_[static_cast<std::size_t>(b)].cells[static_cast<std::size_t>(cell_of(coordinates))];
+  if (cell >= 0) return cell;
   if (free_voxels_.empty()) {
-    v = static_cast<std::int32_t>(voxels_.size());
+    cell = static_cast<std::int32_t>(voxels_.size());
     voxels_.emplace_back();
+    moments_.emplace_back();
     planarities_.emplace_back();
-    points_.resize(points_.size() + capacity_);
+    lines_.resize(lines_.size() + lines_per_voxel_);
   } else {
-    v = free_voxels_.back();
+    cell = free_voxels_.back();
     free_voxels_.pop_back();
+    moments_[static_cast<std::size_t>(cell)] = Moments();
   }
-  Voxel& voxel = voxels_[static_cast<std::size_t>(v)];
+  Voxel& voxel = voxels_[static_cast<std::size_t>(cell)];
   voxel.coordinates = coordinates;
-  voxel.count = 0;
+  voxel.block = b;
   voxel.stale = true;
-  voxel.moments = Moments();
-  return v;
+  return cell;
 }
 
-bool LocalMap::add_point(std::int32_t index, const Eigen::Vector3f& offset) {
-  Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
-  const auto count = static_cast<std::size_t>(voxel.count);
-  if (count >= capacity_) return false;
-  Eigen::Vector3f* points = &points_[static_cast<std::size_t>(index) * capacity_];
-  for (std::size_t s = 0; s < count; ++s) {
-    if ((points[s] - offset).squaredNorm() < min_spacing2_) return false;
+bool LocalMap::has_room(std::int32_t voxel, const Eigen::Vector3f& offset) const {
+  const Line* line = &lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_];
+  const std::int32_t n = line->count;
+  if (static_cast<std::size_t>(n) >= capacity_) return false;
+  for (std::int32_t s = 0; s < n; ++s) {
+    if ((point_offset(voxel, s) - offset).squaredNorm() < min_spacing2_) return false;
   }
-  points[count] = offset;
-  voxel.moments.add(offset.cast<double>());
-  ++voxel.count;
-  ++point_count_;
   return true;
 }
 
-template <class Visit>
-void LocalMap::for_each_neighbour(const Voxel3i& voxel, const Visit& visit) const {
-  const std::int32_t centre = find_block(block_of(voxel));
-  if (centre < 0) return;  // callers ask for voxels that exist
-  const Block& block = blocks_[static_cast<std::size_t>(centre)];
-  const auto& steps = tables().steps[static_cast<std::size_t>(cell_of(voxel))];
-  for (int k = 0; k < 27; ++k) {
-    const Step step = steps[static_cast<std::size_t>(k)];
+void LocalMap::add_point(std::int32_t voxel, const Eigen::Vector3f& offset) {
+  Line* lines = &lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_];
+  const std::int32_t s = lines->count;
+  Eigen::Map<Eigen::Vector3f>(lines[s / kPointsPerLine].xyz + 3 * (s % kPointsPerLine)) = offset;
+  ++lines->count;
+  ++point_count_;
+  moments_[static_cast<std::size_t>(voxel)].add(offset.cast<double>());
+}
+
+void LocalMap::mark_neighbours_stale(std::int32_t index) {
+  const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
+  const Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
+  const auto& steps = tables().steps[static_cast<std::size_t>(cell_of(voxel.coordinates))];
+  for (const Step& step : steps) {
     const std::int32_t b = block.neighbours[step.block];
     if (b < 0) continue;
     const std::int32_t v = blocks_[static_cast<std::size_t>(b)].cells[step.cell];
-    if (v >= 0) visit(v, k);
+    if (v >= 0) voxels_[static_cast<std::size_t>(v)].stale = true;
   }
 }
 
-void LocalMap::mark_neighbours_stale(const Voxel3i& voxel) {
-  for_each_neighbour(voxel, [&](std::int32_t v, int) { voxels_[static_cast<std::size_t>(v)].stale = true; });
-}
-
-void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points) {
+void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
+                      const Parallel& parallel) {
+  // Most points fall where the map is full already. They are found in parallel, by reading only: what has no
+  // room now has none after others were added.
+  constexpr std::size_t kPart = 2048;
   const Eigen::Matrix3d r = map_from_points.rotation.toRotationMatrix();
+  const Eigen::Vector3d t = map_from_points.translation;
+  const std::size_t parts = Parallel::block_count(points.size(), kPart);
+  if (candidates_.size() < parts) candidates_.resize(parts);
+  parallel.for_blocks(points.size(), kPart, [&](std::size_t part, std::size_t begin, std::size_t end) {
+    auto& candidates = candidates_[part].points;
+    candidates.clear();
+    Cursor cursor;
+    for (std::size_t i = begin; i < end; ++i) {
+      const VoxelPoint at = locate(r * points[i].cast<double>() + t);
+      const std::int32_t b = find_block(block_of(at.voxel), cursor);
+      const std::int32_t v =
+          b < 0 ? -1
+                : blocks_[static_cast<std::size_t>(b)].cells[static_cast<std::size_t>(cell_of(at.voxel))];
+      if (v < 0 || has_room(v, at.offset)) candidates.push_back(at);
+    }
+  });
+
   touched_.clear();
-  Voxel3i last_block(std::numeric_limits<int>::max(), 0, 0);
-  std::int32_t b = -1;
-  for (const Eigen::Vector3f& p : points) {
-    const VoxelPoint at = locate(r * p.cast<double>() + map_from_points.translation);
-    const Voxel3i block = block_of(at.voxel);
-    if (block != last_block) {
-      b = find_or_add_block(block);
-      last_block = block;
+  Cursor cursor;
+  for (std::size_t part = 0; part < parts; ++part) {
+    for (const VoxelPoint& at : candidates_[part].points) {
+      const Voxel3i block = block_of(at.voxel);
+      std::int32_t b = find_block(block, cursor);
+      if (b < 0) {
+        b = find_or_add_block(block);
+        cursor = {block, b};
+      }
+      const std::int32_t v = find_or_add_voxel(at.voxel, b);
+      if (!has_room(v, at.offset)) continue;
+      add_point(v, at.offset);
+      touched_.push_back(v);
     }
-    const auto cell = static_cast<std::size_t>(cell_of(at.voxel));
-    std::int32_t v = blocks_[static_cast<std::size_t>(b)].cells[cell];
-    if (v < 0) {
-      v = add_voxel(at.voxel);
-      blocks_[static_cast<std::size_t>(b)].cells[cell] = v;
-    }
-    if (add_point(v, at.offset)) touched_.push_back(v);
   }
-  for (const std::int32_t v : touched_)
-    mark_neighbours_stale(voxels_[static_cast<std::size_t>(v)].coordinates);
+  for (const std::int32_t v : touched_) mark_neighbours_stale(v);
 }
 
 void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {
@@ -211,116 +198,34 @@ void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {
   }
 }
 
-NearestPoint LocalMap::nearest(const VoxelPoint& q) const {
-  // Another point this much farther than the nearest one is of no interest: voxels beyond that are skipped.
-  constexpr float kMargin = 0.15F;
-  const auto edge = static_cast<float>(voxel_size_);
-  const Tables& t = tables();
-  const Voxel3i centre_block = block_of(q.voxel);
-  const std::int32_t centre = find_block(centre_block);
-  const Block* block = centre >= 0 ? &blocks_[static_cast<std::size_t>(centre)] : nullptr;
-  const auto& steps = t.steps[static_cast<std::size_t>(cell_of(q.voxel))];
-
-  // Squared distance from the query to the slab of voxels at -1, 0, +1 along each axis.
-  const Eigen::Vector3f low = q.offset;
-  const Eigen::Vector3f high = Eigen::Vector3f::Constant(edge) - q.offset;
-  float slab[3][3];
-  for (int a = 0; a < 3; ++a) {
-    slab[a][0] = low[a] * low[a];
-    slab[a][1] = 0.0F;
-    slab[a][2] = high[a] * high[a];
-  }
-
-  NearestPoint best;
-  float best2 = std::numeric_limits<float>::infinity();
-  const float beyond =
-      edge + std::min(low.minCoeff(), high.minCoeff());  // nothing else within the 27 voxels' box
-  float other2 = beyond * beyond;
-  float cutoff2 = other2;
-  for (const std::uint8_t k : t.near_first) {
-    const float bound2 = slab[0][k % 3] + slab[1][(k / 3) % 3] + slab[2][k / 9];
-    if (bound2 >= cutoff2 && best.voxel >= 0) {
-      other2 = std::min(other2, bound2);
-      continue;
-    }
-    const Step step = steps[k];
-    const std::int32_t b = block != nullptr ? block->neighbours[step.block]
-                                            : find_block(centre_block + neighbour_offset(step.block));
-    if (b < 0) continue;
-    const std::int32_t v = blocks_[static_cast<std::size_t>(b)].cells[step.cell];
-    if (v < 0) continue;
-    const Eigen::Vector3f from_corner = q.offset - t.offset[k] * edge;
-    const Eigen::Vector3f* points = &points_[static_cast<std::size_t>(v) * capacity_];
-    for (std::int32_t s = 0; s < voxels_[static_cast<std::size_t>(v)].count; ++s) {
-      const float d2 = (points[s] - from_corner).squaredNorm();
-      if (d2 < best2) {
-        if (best.voxel >= 0) other2 = std::min(other2, best2);
-        best2 = d2;
-        best.voxel = v;
-        best.slot = s;
-        const float reach = std::sqrt(best2) + kMargin;
-        cutoff2 = reach * reach;
-      } else {
-        other2 = std::min(other2, d2);
-      }
-    }
-  }
-  best.distance_m = std::sqrt(best2);
-  best.other_distance_m = std::sqrt(other2);
-  return best;
-}
-
-Moments LocalMap::neighbourhood_moments(std::int32_t index) const {
-  Moments sum;
-  for_each_neighbour(voxel_coordinates(index), [&](std::int32_t v, int k) {
-    sum.add_shifted(voxels_[static_cast<std::size_t>(v)].moments,
-                    neighbour_offset(k).cast<double>() * voxel_size_);
-  });
-  return sum;
-}
-
-void LocalMap::update_planarity(std::int32_t index) {
-  planarities_[static_cast<std::size_t>(index)] = analyse(neighbourhood_moments(index));
-  voxels_[static_cast<std::size_t>(index)].stale = false;
-}
-
 void LocalMap::save(ByteWriter& out) const {
   out.put(static_cast<std::uint64_t>(voxel_count()));
   for_each_voxel([&](std::int32_t i) {
-    const Voxel& voxel = voxels_[static_cast<std::size_t>(i)];
-    out.put(voxel.coordinates);
-    out.put(voxel.count);
-    for (std::int32_t s = 0; s < voxel.count; ++s) out.put(point_offset(i, s));
+    out.put(voxels_[static_cast<std::size_t>(i)].coordinates);
+    out.put(count(i));
+    for (std::int32_t s = 0; s < count(i); ++s) out.put(point_offset(i, s));
   });
 }
 
 void LocalMap::load(ByteReader& in) {
   *this = LocalMap(voxel_size_, static_cast<int>(capacity_), min_spacing_);
-  const auto count = in.take<std::uint64_t>();
-  for (std::uint64_t i = 0; i < count; ++i) {
+  const auto n_voxels = in.take<std::uint64_t>();
+  for (std::uint64_t i = 0; i < n_voxels; ++i) {
     const auto coordinates = in.take<Voxel3i>();
-    const auto points = in.take<std::int32_t>();
-    if (points < 1 || static_cast<std::size_t>(points) > capacity_)
+    const auto n_points = in.take<std::int32_t>();
+    if (n_points < 1 || static_cast<std::size_t>(n_points) > capacity_)
       in.fail("local map, voxel " + std::to_string(i));
-    const std::int32_t b = find_or_add_block(block_of(coordinates));
-    const auto cell = static_cast<std::size_t>(cell_of(coordinates));
-    if (blocks_[static_cast<std::size_t>(b)].cells[cell] >= 0)
-      in.fail("local map, voxel " + std::to_string(i));
-    const std::int32_t v = add_voxel(coordinates);
-    blocks_[static_cast<std::size_t>(b)].cells[cell] = v;
-    Voxel& voxel = voxels_[static_cast<std::size_t>(v)];
-    for (std::int32_t s = 0; s < points; ++s) {
+    const std::int32_t v = find_or_add_voxel(coordinates, find_or_add_block(block_of(coordinates)));
+    if (count(v) > 0) in.fail("local map, voxel " + std::to_string(i));
+    for (std::int32_t s = 0; s < n_points; ++s) {
       const auto offset = in.take<Eigen::Vector3f>();
       // Offsets lie in the voxel, up to the rounding of far coordinates.
       const auto margin = static_cast<float>(1e-3 * voxel_size_);
       if (!(offset.allFinite() && offset.minCoeff() >= -margin &&
             offset.maxCoeff() <= static_cast<float>(voxel_size_) + margin))
         in.fail("local map, voxel " + std::to_string(i));
-      points_[static_cast<std::size_t>(v) * capacity_ + static_cast<std::size_t>(s)] = offset;
-      voxel.moments.add(offset.cast<double>());
+      add_point(v, offset);
     }
-    voxel.count = points;
-    point_count_ += static_cast<std::size_t>(points);
   }
 }
 

@@ -1,6 +1,6 @@
-// The local map: a hash of blocks of 4x4x4 voxels. A voxel holds a few spread-out points and their moment
-// sums; a neighbourhood of 27 voxels is reached through links between blocks, with one hash look-up for all
-// of it.
+// The local map: a hash of blocks of 4x4x4 voxels. A voxel holds a few spread-out points, five of them to a
+// cache line together with their number, and their moment sums; a neighbourhood of 27 voxels is reached
+// through links between blocks, with at most one hash look-up for all of it.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -13,6 +13,7 @@
 
 #include "common/byte_io.hpp"
 #include "common/geometry/pose.hpp"
+#include "frontend/parallel.hpp"
 #include "frontend/planarity.hpp"
 #include "frontend/voxel_key.hpp"
 
@@ -30,6 +31,7 @@ struct VoxelPoint {
 struct NearestPoint {
   std::int32_t voxel = -1;  ///< Index of the voxel that holds it; -1: none in the 27 voxels.
   std::int32_t slot = 0;    ///< Which of the voxel's points.
+  Eigen::Vector3f offset = Eigen::Vector3f::Zero();  ///< From the corner of the query's voxel [m].
   float distance_m = std::numeric_limits<float>::infinity();
   /// No other map point is nearer to the query than this [m]: while the query has moved by less than
   /// (other_distance_m - its distance to this point), the point is still its nearest one.
@@ -51,31 +53,49 @@ class LocalMap {
 
   VoxelPoint locate(const Eigen::Vector3d& p) const;
 
-  /// Adds the points that their voxels still have room for.
+  /// Adds the points that their voxels still have room for, in their order.
   /// @param points         [m], in a sensor frame
   /// @param map_from_points their pose
-  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points);
+  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
+              const Parallel& parallel = Parallel(1));
 
   /// Drops all blocks whose centre is further than `radius_m` from `centre`.
   void remove_far(const Eigen::Vector3d& centre, double radius_m);
 
+  /// Where the last query was: the next one, if it is near, finds its block without a hash look-up. Valid
+  /// until the map changes.
+  struct Cursor {
+    Voxel3i block = Voxel3i::Zero();
+    std::int32_t index = -1;  ///< -1: none yet.
+  };
+
   /// Nearest point to `query` among the 27 voxels around it.
-  NearestPoint nearest(const VoxelPoint& query) const;
+  NearestPoint nearest(const VoxelPoint& query, Cursor& cursor) const;
+  NearestPoint nearest(const VoxelPoint& query) const {
+    Cursor cursor;
+    return nearest(query, cursor);
+  }
 
   /// Voxel index i's corner coordinates (in voxels) and point `slot`'s offset from that corner [m].
   const Voxel3i& voxel_coordinates(std::int32_t i) const {
     return voxels_[static_cast<std::size_t>(i)].coordinates;
   }
-  const Eigen::Vector3f& point_offset(std::int32_t i, std::int32_t slot) const {
-    return points_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(slot)];
+  Eigen::Vector3f point_offset(std::int32_t i, std::int32_t slot) const {
+    const Line& line = lines_[static_cast<std::size_t>(i) * lines_per_voxel_ +
+                              static_cast<std::size_t>(slot / kPointsPerLine)];
+    return Eigen::Map<const Eigen::Vector3f>(line.xyz + 3 * (slot % kPointsPerLine));
   }
 
   /// Planarity of the 27 voxels around voxel i as last computed by update_planarity().
   const Planarity& planarity(std::int32_t i) const { return planarities_[static_cast<std::size_t>(i)]; }
   /// True if voxel i's neighbourhood has changed since update_planarity(i).
   bool planarity_stale(std::int32_t i) const { return voxels_[static_cast<std::size_t>(i)].stale; }
-  /// Recomputes it. Different voxels may be updated in parallel.
-  void update_planarity(std::int32_t i);
+  /// Computes it anew, or takes what analyse(neighbourhood_moments(i)) gave.
+  void update_planarity(std::int32_t i) { set_planarity(i, analyse(neighbourhood_moments(i))); }
+  void set_planarity(std::int32_t i, const Planarity& planarity) {
+    planarities_[static_cast<std::size_t>(i)] = planarity;
+    voxels_[static_cast<std::size_t>(i)].stale = false;
+  }
   /// Sum of the moments of the 27 voxels around voxel i, about voxel i's corner.
   Moments neighbourhood_moments(std::int32_t i) const;
 
@@ -84,7 +104,7 @@ class LocalMap {
   template <class Visit>
   void for_each_point(const Visit& visit) const {
     for_each_voxel([&](std::int32_t i) {
-      for (std::int32_t s = 0; s < voxels_[static_cast<std::size_t>(i)].count; ++s) visit(point(i, s));
+      for (std::int32_t s = 0; s < count(i); ++s) visit(point(i, s));
     });
   }
   Eigen::Vector3d point(std::int32_t i, std::int32_t slot) const {
@@ -97,11 +117,16 @@ class LocalMap {
   void load(ByteReader& in);
 
  private:
+  static constexpr std::int32_t kPointsPerLine = 5;
+  // A cache line of a voxel: its first one says how many points the voxel has in all.
+  struct alignas(64) Line {
+    std::int32_t count = 0;
+    float xyz[3 * kPointsPerLine] = {};  // offsets from the voxel's corner [m]
+  };
   struct Voxel {
     Voxel3i coordinates;
-    std::int32_t count = 0;
+    std::int32_t block = -1;
     bool stale = true;
-    Moments moments;
   };
   struct Block {
     Voxel3i coordinates;                      // of the block; -1 links are unset
@@ -109,15 +134,23 @@ class LocalMap {
     std::array<std::int32_t, 64> cells;       // voxel indices, -1: empty
     bool used = false;
   };
+  // Points of an insert() that their voxels may have room for, of one part of the scan.
+  struct Candidates {
+    std::vector<VoxelPoint> points;
+  };
+
+  std::int32_t count(std::int32_t voxel) const {
+    return lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_].count;
+  }
+  bool has_room(std::int32_t voxel, const Eigen::Vector3f& offset) const;
   std::int32_t find_block(const Voxel3i& block) const;
+  std::int32_t find_block(const Voxel3i& block, Cursor& cursor) const;
   std::int32_t find_or_add_block(const Voxel3i& block);
   void remove_block(std::int32_t b);
-  std::int32_t add_voxel(const Voxel3i& coordinates);
-  bool add_point(std::int32_t voxel, const Eigen::Vector3f& offset);
-  void mark_neighbours_stale(const Voxel3i& voxel);
-  // Calls visit(voxel index, neighbour number 0..26) for the occupied voxels among the 27 around `voxel`.
-  template <class Visit>
-  void for_each_neighbour(const Voxel3i& voxel, const Visit& visit) const;
+  // The voxel at these coordinates, in block b; made if there is none.
+  std::int32_t find_or_add_voxel(const Voxel3i& coordinates, std::int32_t b);
+  void add_point(std::int32_t voxel, const Eigen::Vector3f& offset);
+  void mark_neighbours_stale(std::int32_t voxel);
   template <class Visit>
   void for_each_voxel(const Visit& visit) const {
     for (const Block& b : blocks_) {
@@ -129,7 +162,7 @@ class LocalMap {
   }
 
   double voxel_size_, inverse_voxel_size_;
-  std::size_t capacity_;
+  std::size_t capacity_, lines_per_voxel_;
   double min_spacing_;
   float min_spacing2_;
   std::size_t point_count_ = 0;
@@ -138,9 +171,11 @@ class LocalMap {
   std::vector<std::int32_t> free_blocks_;
   std::vector<Voxel> voxels_;
   std::vector<std::int32_t> free_voxels_;
-  std::vector<Eigen::Vector3f> points_;  // capacity_ a voxel, offsets from the voxel's corner
+  std::vector<Line> lines_;  // lines_per_voxel_ a voxel
+  std::vector<Moments> moments_;
   std::vector<Planarity> planarities_;
-  std::vector<std::int32_t> touched_;  // voxels that took a point in this insert()
+  std::vector<std::int32_t> touched_;   // voxels that took a point in this insert()
+  std::vector<Candidates> candidates_;  // of this insert()
 };
 
 }  // namespace hp2

@@ -18,19 +18,6 @@ void Moments::add(const Eigen::Vector3d& p) {
   products[5] += p.z() * p.z();
 }
 
-void Moments::add_shifted(const Moments& o, const Eigen::Vector3d& d) {
-  // sum (p + d)(p + d)^T = sum p p^T + d s^T + s d^T + n d d^T
-  const Eigen::Vector3d& s = o.sum;
-  products[0] += o.products[0] + 2.0 * d.x() * s.x() + o.n * d.x() * d.x();
-  products[1] += o.products[1] + d.x() * s.y() + s.x() * d.y() + o.n * d.x() * d.y();
-  products[2] += o.products[2] + d.x() * s.z() + s.x() * d.z() + o.n * d.x() * d.z();
-  products[3] += o.products[3] + 2.0 * d.y() * s.y() + o.n * d.y() * d.y();
-  products[4] += o.products[4] + d.y() * s.z() + s.y() * d.z() + o.n * d.y() * d.z();
-  products[5] += o.products[5] + 2.0 * d.z() * s.z() + o.n * d.z() * d.z();
-  sum += s + o.n * d;
-  n += o.n;
-}
-
 Eigen::Matrix3d Moments::covariance() const {
   Eigen::Matrix3d c = Eigen::Matrix3d::Zero();
   if (n <= 0.0) return c;

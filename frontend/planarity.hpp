@@ -15,8 +15,21 @@ struct Moments {
   Eigen::Matrix<double, 6, 1> products = Eigen::Matrix<double, 6, 1>::Zero();
 
   void add(const Eigen::Vector3d& p);
-  /// Adds `other`, whose reference lies at `shift` [m] from this one's.
-  void add_shifted(const Moments& other, const Eigen::Vector3d& shift);
+  /// Adds `other`, whose reference lies at `shift` [m] along an axis (0, 1 or 2) from this one's.
+  template <int axis>
+  void add_shifted_along(const Moments& other, double shift) {
+    // Places of the axis' own product and of its products with the next two axes.
+    constexpr int kOwn[] = {0, 3, 5}, kFirst[] = {1, 1, 2}, kSecond[] = {2, 4, 4};
+    constexpr int kFirstAxis[] = {1, 0, 0}, kSecondAxis[] = {2, 2, 1};
+    const double moved = other.n * shift;
+    products += other.products;
+    products[kOwn[axis]] += shift * (2.0 * other.sum[axis] + moved);
+    products[kFirst[axis]] += shift * other.sum[kFirstAxis[axis]];
+    products[kSecond[axis]] += shift * other.sum[kSecondAxis[axis]];
+    sum += other.sum;
+    sum[axis] += moved;
+    n += other.n;
+  }
   /// Covariance (1/n) sum (p - mean)(p - mean)^T [m^2]; zero for n = 0.
   Eigen::Matrix3d covariance() const;
   Eigen::Vector3d mean() const { return n > 0.0 ? Eigen::Vector3d(sum / n) : Eigen::Vector3d::Zero(); }

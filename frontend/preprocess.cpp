@@ -1,13 +1,16 @@
 #include "frontend/preprocess.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace hp2 {
 namespace {
 
 constexpr std::size_t kParts = 4;  // fixed, so that the result does not depend on the number of threads
-constexpr int kAxisBits = 10;      // of a voxel coordinate in a key
+constexpr std::uint32_t kHashRange = 1U << 30;  // of a key's hash; kParts of them
+constexpr int kAxisBits = 10;                   // of a voxel coordinate in a key
+constexpr std::size_t kChunk = 1024;            // points whose keys are computed at a time
 
 // Keys of voxels of edge `voxel` within `range` of the sensor fit kAxisBits an axis; coarser voxels if they
 // would not.
@@ -25,45 +28,60 @@ std::uint32_t voxel_key(float x, float y, float z, float inverse_voxel) {
   return i | (j << kAxisBits) | (k << (2 * kAxisBits));
 }
 
+constexpr std::uint32_t kDropped = ~std::uint32_t{0};  // in place of a key; keys have 30 bits
+
+std::uint32_t spread(std::uint32_t key) { return key * 0x9E3779B1U; }
+
+// Keys of points [begin, end), kDropped where out of range or not finite. One loop without branches.
+void voxel_keys(const Scan& scan, std::size_t begin, std::size_t end, float min2, float max2,
+                float inverse_voxel, std::uint32_t* keys) {
+  const float* xs = scan.x.data() + begin;
+  const float* ys = scan.y.data() + begin;
+  const float* zs = scan.z.data() + begin;
+  const std::size_t n = end - begin;
+  for (std::size_t i = 0; i < n; ++i) {
+    const float r2 = xs[i] * xs[i] + ys[i] * ys[i] + zs[i] * zs[i];
+    const bool good = (r2 >= min2) & (r2 <= max2);  // false for NaN as well
+    const float x = good ? xs[i] : 0.0F, y = good ? ys[i] : 0.0F, z = good ? zs[i] : 0.0F;
+    const std::uint32_t key = voxel_key(x, y, z, inverse_voxel);
+    keys[i] = good ? key : kDropped;
+  }
+}
+
 }  // namespace
 
 void Preprocessor::KeySet::clear(std::size_t expected) {
   std::size_t want = 1024;
   while (want < 2 * expected) want *= 2;
-  if (slots_.size() < want || generation_ == ~std::uint32_t{0}) {
-    slots_.assign(std::max(want, slots_.size()), 0);
-    generation_ = 0;
-  }
+  slots_.assign(std::max(want, slots_.size()), kDropped);
   mask_ = slots_.size() - 1;
   size_ = 0;
-  ++generation_;
 }
 
 bool Preprocessor::KeySet::insert(std::uint32_t key) {
   if (2 * size_ > mask_) grow();
-  const std::uint64_t entry = (static_cast<std::uint64_t>(generation_) << 32) | key;
-  std::size_t i = (key * 0x9E3779B1U >> 7) & mask_;
-  while ((slots_[i] >> 32) == generation_) {
-    if (slots_[i] == entry) return false;
+  std::size_t i = (spread(key) >> 7) & mask_;
+  while (slots_[i] != kDropped) {
+    if (slots_[i] == key) return false;
     i = (i + 1) & mask_;
   }
-  slots_[i] = entry;
+  slots_[i] = key;
   ++size_;
   return true;
 }
 
 void Preprocessor::KeySet::grow() {
-  const std::vector<std::uint64_t> old = std::move(slots_);
-  const std::uint32_t generation = generation_;
-  slots_.assign(2 * old.size(), 0);
+  const std::vector<std::uint32_t> old = std::move(slots_);
+  slots_.assign(2 * old.size(), kDropped);
   mask_ = slots_.size() - 1;
   size_ = 0;
-  for (const std::uint64_t e : old) {
-    if ((e >> 32) == generation) insert(static_cast<std::uint32_t>(e));
+  for (const std::uint32_t key : old) {
+    if (key != kDropped) insert(key);
   }
 }
 
-Preprocessor::Preprocessor(const PreprocessConfig& config) : config_(config), parts_(kParts) {}
+Preprocessor::Preprocessor(const PreprocessConfig& config)
+    : config_(config), parts_(kParts), merged_(kParts) {}
 
 void Preprocessor::run(const Scan& scan, bool use_time, const Parallel& parallel, PreprocessedScan& out) {
   const std::size_t n = scan.size();
@@ -83,17 +101,45 @@ void Preprocessor::run(const Scan& scan, bool use_time, const Parallel& parallel
   parallel.for_blocks(n, part_size, [&](std::size_t p, std::size_t begin, std::size_t end) {
     Part& part = parts_[p];
     part.set.clear(8192);
-    for (std::size_t i = begin; i < end; ++i) {
-      const float x = scan.x[i], y = scan.y[i], z = scan.z[i];
-      const float r2 = x * x + y * y + z * z;
-      if (!(r2 >= min2 && r2 <= max2)) {  // false for NaN as well
-        ++part.dropped;
-        continue;
+    part.recent.fill(kDropped);
+    std::array<std::uint32_t, kChunk> keys;
+    for (std::size_t first = begin; first < end; first += kChunk) {
+      const std::size_t last = std::min(end, first + kChunk);
+      voxel_keys(scan, first, last, min2, max2, inverse_map, keys.data());
+      for (std::size_t i = first; i < last; ++i) {
+        const std::uint32_t key = keys[i - first];
+        // Neighbours in a sweep fall in the same few voxels: most are known without a look at the set.
+        std::uint32_t& recent = part.recent[spread(key) >> (32 - kRecentBits)];
+        if (recent == key) {
+          part.dropped += key == kDropped ? 1 : 0;
+          continue;
+        }
+        if (key == kDropped) {
+          ++part.dropped;
+          continue;
+        }
+        recent = key;
+        if (part.set.insert(key)) {
+          part.keep.push_back(static_cast<std::uint32_t>(i));
+          part.keys.push_back(key);
+        }
       }
-      const std::uint32_t key = voxel_key(x, y, z, inverse_map);
-      if (part.set.insert(key)) {
-        part.keep.push_back(static_cast<std::uint32_t>(i));
-        part.keys.push_back(key);
+    }
+  });
+
+  // Which keys an earlier part has, range of hashes by range of hashes.
+  std::size_t kept = 0;
+  for (auto& part : parts_) {
+    kept += part.keep.size();
+    part.repeated.assign(part.keep.size(), 0);
+  }
+  parallel.for_blocks(kParts, 1, [&](std::size_t range, std::size_t, std::size_t) {
+    KeySet& set = merged_[range];
+    set.clear(kept / kParts);
+    for (auto& part : parts_) {
+      for (std::size_t j = 0; j < part.keys.size(); ++j) {
+        if (spread(part.keys[j]) / kHashRange != range) continue;
+        if (!set.insert(part.keys[j])) part.repeated[j] = 1;
       }
     }
   });
@@ -103,14 +149,11 @@ void Preprocessor::run(const Scan& scan, bool use_time, const Parallel& parallel
   out.source.clear();
   out.dropped = 0;
   float farthest2 = 0.0F;
-  std::size_t kept = 0;
-  for (const auto& part : parts_) kept += part.keep.size();
-  map_set_.clear(kept);
-  source_set_.clear(kept / 2);
+  source_set_.clear(kept / 4);
   for (const auto& part : parts_) {
     out.dropped += part.dropped;
     for (std::size_t j = 0; j < part.keep.size(); ++j) {
-      if (!map_set_.insert(part.keys[j])) continue;
+      if (part.repeated[j] != 0) continue;
       const std::uint32_t i = part.keep[j];
       const float x = scan.x[i], y = scan.y[i], z = scan.z[i];
       if (source_set_.insert(voxel_key(x, y, z, inverse_source))) {

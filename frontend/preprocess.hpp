@@ -1,5 +1,6 @@
 // From a raw sweep to the points that are used: range crop, voxel downsampling, deskewing of what is left.
 #pragma once
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -36,7 +37,7 @@ class Preprocessor {
   void run(const Scan& scan, bool use_time, const Parallel& parallel, PreprocessedScan& out);
 
  private:
-  // Set of 32-bit keys that is emptied in no time: an entry counts only if it carries the present generation.
+  // Set of keys of 30 bits.
   class KeySet {
    public:
     void clear(std::size_t expected);
@@ -44,19 +45,22 @@ class Preprocessor {
 
    private:
     void grow();
-    std::vector<std::uint64_t> slots_;
+    std::vector<std::uint32_t> slots_;
     std::size_t mask_ = 0, size_ = 0;
-    std::uint32_t generation_ = 0;
   };
 
   PreprocessConfig config_;
+  static constexpr int kRecentBits = 11;
   struct Part {
     KeySet set;
+    std::array<std::uint32_t, std::size_t{1} << kRecentBits> recent;  // keys known to be in the set, by hash
     std::vector<std::uint32_t> keep, keys;  // indices into the scan, and their map-voxel keys
+    std::vector<std::uint8_t> repeated;     // an earlier part has the key
     int dropped = 0;
   };
   std::vector<Part> parts_;
-  KeySet map_set_, source_set_;
+  std::vector<KeySet> merged_;  // one a range of hashes
+  KeySet source_set_;
 };
 
 }  // namespace hp2

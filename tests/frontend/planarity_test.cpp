@@ -115,7 +115,10 @@ TEST(Moments, ShiftedSumsAddUp) {
     all.add(p + shift);
   }
   Moments moved;
-  moved.add_shifted(other, shift);
+  Moments along_x, along_xy;
+  along_x.add_shifted_along<0>(other, shift.x());
+  along_xy.add_shifted_along<1>(along_x, shift.y());
+  moved.add_shifted_along<2>(along_xy, shift.z());
   EXPECT_EQ(moved.n, all.n);
   EXPECT_LT((moved.mean() - all.mean()).norm(), 1e-12);
   EXPECT_LT((moved.covariance() - all.covariance()).norm(), 1e-12);
