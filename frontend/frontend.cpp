@@ -42,18 +42,6 @@ class Clock {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-IcpMode mode_of(const std::string& name) {
-  const auto& names = frontend_modes();
-  const auto at = std::find(names.begin(), names.end(), name);
-  if (at == names.end()) {
-    throw Error("unknown mode \"" + name + "\"", "front-end",
-                "Did you mean \"" + nearest_word(name, names) + "\"?");
-  }
-  constexpr IcpMode kModes[] = {IcpMode::kHybrid,     IcpMode::kPointToPoint,   IcpMode::kPointToPlane,
-                                IcpMode::kFixedAlpha, IcpMode::kFixedThreshold, IcpMode::kRobust};
-  return kModes[at - names.begin()];
-}
-
 // Covariance of the motion since the last scan in this scan's sensor frame, from the scan's information. The
 // robust weights make the sums speak as if a residual's deviation were sigma; kNoise is what it is worth when
 // the correlation between neighbouring points is counted in (found on simulated drives: mean normalised error
@@ -74,21 +62,6 @@ Matrix6d motion_covariance(const IcpResult& icp, double sigma) {
 }
 
 }  // namespace
-
-IcpConfig icp_config(const FrontendConfig& c) {
-  IcpConfig icp;
-  icp.mode = mode_of(c.mode);
-  icp.tau_ref = c.tau_ref;
-  icp.n_ref = c.n_ref;
-  icp.tau_min = c.tau_min;
-  icp.tau_max = c.tau_max;
-  icp.n_min = c.n_min;
-  icp.max_iterations = c.max_iterations;
-  icp.convergence_m = c.convergence_m;
-  icp.in_plane_weight = c.in_plane_weight;
-  icp.min_eigenvalue_ratio = c.min_eigenvalue_ratio;
-  return icp;
-}
 
 class Frontend::Impl {
  public:
@@ -118,6 +91,7 @@ class Frontend::Impl {
                 std::vector<Eigen::Vector3f>& out) const;
   double submap_length_m() const;
   IcpResult moving_start(const Scan& scan, double sigma);
+  IcpResult settle_start(const Scan& scan, IcpResult icp, double sigma, HybridIcp& aligner);
 
   FrontendConfig config_;
   Parallel parallel_;
@@ -195,22 +169,42 @@ void Frontend::Impl::deskewed(const PreprocessedScan& cloud, const Vector6d& swe
 
 // The sensor may be at full speed in its first scan, which could not be deskewed, and the second has no
 // prediction. Once the second is registered, the speed is known: both are deskewed by it, the map is made
-// again, and so on.
+// again, and so on. Point-to-point reaches farther than planes do, so mode robust tries it as well and takes
+// what fits better.
 IcpResult Frontend::Impl::moving_start(const Scan& scan, double sigma) {
+  const Pose first = motion_.last_pose();
+  IcpResult icp = icp_.align(map_, source_, first, sigma, parallel_);
+  icp = settle_start(scan, icp, sigma, icp_);
+  if (icp_.config().mode == IcpMode::kRobust) {
+    IcpConfig points = icp_.config();
+    points.mode = IcpMode::kPointToPoint;
+    HybridIcp point_icp(points);
+    IcpResult other = point_icp.align(map_, source_, first, sigma, parallel_);
+    other = settle_start(scan, other, sigma, point_icp);
+    other = icp_.align(map_, source_, other.map_from_source, sigma, parallel_);
+    icp = other.fit > icp.fit ? other : settle_start(scan, icp, sigma, icp_);
+  }
+  first_cloud_ = PreprocessedScan();
+  return icp;
+}
+
+// Registers the second scan from `icp` on, deskewing both scans by what comes out.
+IcpResult Frontend::Impl::settle_start(const Scan& scan, IcpResult icp, double sigma, HybridIcp& aligner) {
   constexpr int kRounds = 3;
   const Pose first = motion_.last_pose();
   const double per_sweep = motion_.sweep_share(scan.duration_us, scan.utime_end());
-  IcpResult icp = icp_.align(map_, source_, first, sigma, parallel_);
   std::vector<Eigen::Vector3f> first_points;
-  for (int round = 0; round < kRounds && !first_cloud_.time.empty(); ++round) {
-    const Vector6d twist = per_sweep * se3_log(first.inverse() * icp.map_from_source);
-    deskewed(first_cloud_, twist, first_points);
-    map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-    map_.insert(first_points, first);
-    deskew(twist);
-    icp = icp_.align(map_, source_, icp.map_from_source, sigma, parallel_);
+  for (int round = 0; round < kRounds; ++round) {
+    if (!first_cloud_.time.empty()) {
+      const Vector6d twist = per_sweep * se3_log(first.inverse() * icp.map_from_source);
+      deskewed(first_cloud_, twist, first_points);
+      map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
+      map_.insert(first_points, first, parallel_);
+      deskew(twist);
+    }
+    icp = aligner.align(map_, source_, icp.map_from_source, sigma, parallel_);
+    if (first_cloud_.time.empty()) break;
   }
-  first_cloud_ = PreprocessedScan();
   return icp;
 }
 

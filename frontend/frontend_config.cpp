@@ -40,6 +40,12 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("n_min", c.n_min, "Fewest points of a neighbourhood that can be planar", 3, 1000);
   s.add("max_iterations", c.max_iterations, "Most Gauss-Newton iterations a scan", 1, 1000);
   s.add("convergence_m", c.convergence_m, "A step shorter than this [m, rad] ends the iterations", 1e-9, 1.0);
+  s.add("weak_direction_ratio", c.weak_direction_ratio,
+        "Mode robust: directions whose eigenvalue is below this share of the largest are supported", 0.0,
+        1.0);
+  s.add("coarse_step_m", c.coarse_step_m,
+        "While steps are longer than this [m, rad] one in four points is registered; 0: always all", 0.0,
+        1.0);
   s.add("in_plane_weight", c.in_plane_weight,
         "Mode robust: weight of planar correspondences' in-plane residual", 0.0, 10.0);
   s.add("min_eigenvalue_ratio", c.min_eigenvalue_ratio,

@@ -9,7 +9,7 @@ namespace hp2 {
 /// Settings of the front-end. Names follow the paper; the defaults serve every sensor (README,
 /// "Configuration").
 struct FrontendConfig {
-  std::string mode = "hybrid";
+  std::string mode = "robust";
   double min_range_m = 1.0;
   double max_range_m = 100.0;
   bool deskew = true;
@@ -20,7 +20,7 @@ struct FrontendConfig {
   int max_points_per_voxel = 5;
   double min_spacing_m = 0.3;
   double map_point_voxel_m = 0.3;
-  double source_voxel_m = 1.0;
+  double source_voxel_m = 0.7;
   double tau_ref = 0.2;
   double n_ref = 27.0;
   double tau_min = 0.05;
@@ -28,7 +28,9 @@ struct FrontendConfig {
   int n_min = 5;
   int max_iterations = 30;
   double convergence_m = 1e-3;
-  double in_plane_weight = 0.05;
+  double weak_direction_ratio = 0.03;
+  double coarse_step_m = 0.02;
+  double in_plane_weight = 0.3;
   double min_eigenvalue_ratio = 1e-4;
   double initial_sigma_m = 2.0;
   double min_sigma_m = 0.1;

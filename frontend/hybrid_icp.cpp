@@ -142,7 +142,6 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
   const double c2 = sigma_m * sigma_m;
   const double max2 = 9.0 * c2;
   const bool plane_only = config_.mode == IcpMode::kPointToPlane;
-  const bool in_plane = config_.mode == IcpMode::kRobust;
   NormalEquations& sums = part.sums;
   sums = NormalEquations();
   for (std::size_t i = source.begin; i < source.end; i += source.stride) {
@@ -158,7 +157,7 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
     sums.fit += kFit2 / (kFit2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared));
     if (c.normal != Eigen::Vector3f::Zero()) {
       sums.planar.add(p, n, e, robust_weight(e * e, c2));
-      if (in_plane) sums.planar_points.add(p, residual, robust_weight(squared, c2));
+      if (in_plane_needed_) sums.planar_points.add(p, residual, robust_weight(squared, c2));
     } else if (!plane_only) {
       sums.non_planar.add(p, residual, robust_weight(squared, c2));
     }
@@ -213,18 +212,34 @@ Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) con
     case IcpMode::kFixedAlpha:
       alpha = 0.5;
       break;
-    case IcpMode::kRobust: {
-      const double b = config_.in_plane_weight * alpha;
-      gradient = alpha * sums.planar.gradient() + b * sums.planar_points.gradient() +
-                 (1.0 - alpha) * sums.non_planar.gradient();
-      return alpha * sums.planar.information() + b * sums.planar_points.information() +
-             (1.0 - alpha) * sums.non_planar.information();
-    }
     default:
       break;
   }
   gradient = alpha * sums.planar.gradient() + (1.0 - alpha) * sums.non_planar.gradient();
   return alpha * sums.planar.information() + (1.0 - alpha) * sums.non_planar.information();
+}
+
+// A plane says nothing of the motion along itself, so where nearly all is planar some direction is left to a
+// few points that alpha has made light: on a bridge, the one along it. There, and only there, the planar
+// correspondences' in-plane residuals are heard as well; elsewhere they would hold the sensor to the pattern
+// of its own scan lines.
+void HybridIcp::support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
+                                        Vector6d& gradient) {
+  const int count = sums.planar.count + sums.non_planar.count;
+  if (count == 0) return;
+  Vector6d scale;
+  scale << 1.0, 1.0, 1.0, 1.0 / lever, 1.0 / lever, 1.0 / lever;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale.asDiagonal() * information * scale.asDiagonal());
+  const double weak = config_.weak_direction_ratio * eigen.eigenvalues()[5];
+  // Kept in sight a little longer: the next iteration may find the direction weak again.
+  in_plane_needed_ = eigen.eigenvalues()[0] < 2.0 * weak;
+  if (!(eigen.eigenvalues()[0] < weak)) return;
+  const Vector6d share = (1.0 - eigen.eigenvalues().array() / weak).max(0.0).sqrt();
+  const Matrix6d part = scale.cwiseInverse().asDiagonal() * eigen.eigenvectors() * share.asDiagonal() *
+                        eigen.eigenvectors().transpose() * scale.asDiagonal();
+  const double weight = config_.in_plane_weight * sums.planar.count / count;
+  information += weight * (part * sums.planar_points.information() * part.transpose());
+  gradient += weight * (part * sums.planar_points.gradient());
 }
 
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
@@ -255,6 +270,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
 
   NormalEquations sums;
   Matrix6d information = Matrix6d::Zero();
+  in_plane_needed_ = config_.mode == IcpMode::kRobust;  // until the first iteration has told
   // Few points tell a long step's direction as well as many.
   const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() >= kFewPoints;
   std::size_t stride = coarse_first ? kCoarseStride : 1;
@@ -264,6 +280,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     Stopwatch watch;
     Vector6d gradient;
     information = balance(sums, gradient);
+    if (config_.mode == IcpMode::kRobust) support_weak_directions(sums, lever, information, gradient);
     Matrix6d total = information;
     if (prior != nullptr && config_.mode == IcpMode::kRobust) {
       const Pose expected(prior->map_from_source.rotation, prior->map_from_source.translation - origin);

@@ -22,7 +22,7 @@ enum class IcpMode {
   kPointToPlane,    ///< All correspondences with a normal point-to-plane.
   kFixedAlpha,      ///< As hybrid with alpha = 0.5.
   kFixedThreshold,  ///< As hybrid with tau = tau_ref whatever n.
-  kRobust,          ///< Ours: see balance() in hybrid_icp.cpp.
+  kRobust,          ///< Ours: the hybrid, supported in weak directions (support_weak_directions()).
 };
 
 /// Settings of the registration.
@@ -34,7 +34,9 @@ struct IcpConfig {
   double convergence_m = 1e-4;  ///< Ends when a step's translation [m] and rotation [rad] norm is below this.
   /// While steps are longer than this [m, rad], one in four source points is registered; 0: always all.
   double coarse_step_m = 0.02;
-  double in_plane_weight = 0.3;  ///< kRobust: weight of a planar correspondence's in-plane residual.
+  double in_plane_weight = 0.3;  ///< kRobust: of a planar correspondence's in-plane residual.
+  double weak_direction_ratio =
+      0.03;  ///< kRobust: in directions of less than this share of the largest eigenvalue.
   double min_eigenvalue_ratio =
       1e-4;  ///< Directions below this share of the largest eigenvalue are not observed.
 };
@@ -120,12 +122,15 @@ class HybridIcp {
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
   void classify(const LocalMap& map, Part& part);
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
+  void support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
+                               Vector6d& gradient);
   Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
 
   IcpConfig config_;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
   std::vector<Part> parts_;
+  bool in_plane_needed_ = false;  // by a weak direction of the present registration
 };
 
 }  // namespace hp2

@@ -126,7 +126,7 @@ int run_laps(const SessionStore& submaps, const std::string& work, int laps, con
 }
 
 struct Options {
-  std::string cache = "submaps", mode = "hybrid";
+  std::string cache = "submaps", mode = "robust";
   double length_m = 25.0, scale = 0.0, yaw = 0.0;
   bool verbose = false;
   int laps = 1;
