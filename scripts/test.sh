@@ -4,7 +4,7 @@
 #   scripts/test.sh --sanitize   unit tests with address and undefined-behaviour sanitizers (build-asan/)
 #   scripts/test.sh --fuzz       fuzz targets, HP2_FUZZ_SECONDS (60) each, two at a time (build-asan/; needs clang)
 #   scripts/test.sh --tsan       unit and quick integration tests with the thread sanitizer (build-tsan/)
-#   scripts/test.sh --long       integration tests that take minutes each: restarts, losses, two hosts, overload, hostile input
+#   scripts/test.sh --long       integration tests that take minutes each: losses, two hosts, a stalled back-end, overload, hostile input
 #   scripts/test.sh --all        the first three: what CI runs
 # More words go to ctest, e.g. scripts/test.sh -R transport
 set -euo pipefail
@@ -17,7 +17,7 @@ case ${1:-} in
 esac
 unit_programs="common_tests transport_tests evaluation_tests player_tests frontend_tests backend_tests viewer_headless_tests"
 processes="hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_injector hp2_eval"
-fuzz_targets="messages point_files trajectories"
+fuzz_targets="messages point_files logs trajectories"
 # Without -g and with few optimisations a sanitizer build takes as long as a plain one.
 sanitizer_options=(-DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1)
 words=("$@")

@@ -36,6 +36,10 @@ def test():
         check_complete(run, len(plain.poses()))
         run.check_session()
         expect(same_poses(plain, run), "the poses differ")
+        # Messages that name files in other folders: nothing is written outside of --out and the session folder.
+        made = sorted(p.name for p in run.folder.iterdir() if p.suffix != ".log")
+        expect(made == ["out"], f"files beside the output folder: {made}")
+        expect(not pathlib.Path("/tmp/hp2_frontend").exists(), "a file is where a STATUS message said")
         rejected = run.summary()["processes"]["hp2_frontend"]["counters"]["rejected"]
         print(f"the front-end rejected {rejected} messages")
         expect(rejected > 1000, "hardly a message was rejected")

@@ -116,6 +116,11 @@ def session_there_already(folder):
     expect(hashes(out) == before, "a refused run has changed something")
     expect(Script(out, "synthetic:tiny", "--count", 25, "--overwrite").end(120)[0] == 0, "--overwrite failed")
     expect(len(poses(out)) == 25, "--overwrite has not begun anew")
+    with sqlite3.connect(out / "session" / "session.sqlite") as db:
+        db.execute("pragma user_version = 0")
+    status, text = Script(out, "synthetic:tiny", "--count", 25).end(20)
+    expect(status == 1, f"status {status}")
+    says(text, "the session is of version 0, this program writes version", "session.sqlite")
 
 
 def stage_dies(folder, plain):
