@@ -4,11 +4,9 @@
 #include <chrono>
 #include <utility>
 
-#include <Eigen/Cholesky>
-
 #include "backend/loop_candidates.hpp"
 #include "backend/loop_closer.hpp"
-#include "backend/odometry_noise.hpp"
+#include "backend/pieces.hpp"
 #include "backend/pose_graph.hpp"
 #include "backend/scan_refinement.hpp"
 #include "common/error.hpp"
@@ -45,18 +43,6 @@ void check_submap(const Submap& submap, std::int64_t expected_id) {
   if (!finite) throw Error("a pose is not finite", where, "Mend the front-end that made it.");
 }
 
-GraphEdge odometry_edge(const Submap& submap) {
-  GraphEdge edge;
-  edge.from = static_cast<std::size_t>(submap.id);
-  edge.to = edge.from + 1;
-  const auto steps = odometry_steps(submap.scans);
-  if (!submap.scans.empty()) edge.from_from_to = submap.scans.back().submap_from_sensor;
-  const Matrix6d covariance = accumulated_covariance(steps) + 1e-10 * Matrix6d::Identity();
-  edge.information = covariance.ldlt().solve(Matrix6d::Identity());
-  edge.information = (0.5 * (edge.information + edge.information.transpose())).eval();
-  return edge;
-}
-
 }  // namespace
 
 class Backend::Impl {
@@ -65,7 +51,7 @@ class Backend::Impl {
       : config_(config), store_(store), index_(config), closer_(config, store), graph_(store.read_graph()) {
     for (std::int64_t id = 0; id < store.submap_count(); ++id) {
       submaps_.push_back(store.read_submap(id, false));
-      if (id > 0) odometry_.push_back(odometry_edge(submaps_[static_cast<std::size_t>(id - 1)]));
+      if (id > 0) odometry_.push_back(edge_to(submaps_.back(), static_cast<std::size_t>(id - 1)));
       auto [place, features] = decode_place(store.read_place(id), "submap " + std::to_string(id));
       index_.add_place(std::move(place));
       index_.add_features(features);
@@ -79,7 +65,7 @@ class Backend::Impl {
     check_submap(submap, static_cast<std::int64_t>(submaps_.size()));
 
     auto [place, features] =
-        make_place(submap, index_.places().empty() ? 0.0 : index_.places().back().path_end_m, config_);
+        make_place(submap, index_.places().empty() ? nullptr : &index_.places().back(), config_);
     const std::vector<std::uint8_t> place_bytes = encode_place(place, features);
     GraphState next = graph_;
     ++next.revision;
@@ -94,7 +80,7 @@ class Backend::Impl {
 
     // Whatever fails from here on, the back-end must be left as it was.
     index_.add_place(std::move(place));
-    if (submap.id > 0) odometry_.push_back(odometry_edge(submaps_.back()));
+    if (submap.id > 0) odometry_.push_back(edge_to(submap, submaps_.size() - 1));
     try {
       if (config_.loop_closing) {
         update.graph_changed =
@@ -102,8 +88,8 @@ class Backend::Impl {
       }
       set_map_from_odom(submap.odom_from_submap, next);
       // The submap before ended freely until now; its last scan is this one's keypose.
-      rebuild_trajectory(update.graph_changed ? 0 : std::max<std::int64_t>(submap.id - 1, 0), next);
-      append_trajectory(submap, next.map_from_submap, next.trajectory);
+      rebuild_trajectory(update.graph_changed ? 0 : std::max<std::int64_t>(submap.id - 1, 0), &submap, next);
+      append_trajectory(submap, nullptr, next.map_from_submap, next.trajectory);
       store_.commit(change);
     } catch (...) {
       index_.remove_newest_place();
@@ -130,7 +116,7 @@ class Backend::Impl {
       update.graph_changed =
           closer_.close_all(index_, odometry_, kFinalChecks, next, change.changed_closures);
       set_map_from_odom(submaps_.back().odom_from_submap, next);
-      rebuild_trajectory(0, next);
+      rebuild_trajectory(0, nullptr, next);
     }
     store_.commit(change);
     adopt(std::move(next), change.changed_closures, update);
@@ -155,12 +141,20 @@ class Backend::Impl {
     graph_ = std::move(next);
   }
 
-  // Derives the trajectory of the stored submaps from `first` on from the keyposes anew.
-  void rebuild_trajectory(std::int64_t first, GraphState& graph) const {
+  // The edge from submap `k`, which is stored, to the one after it.
+  GraphEdge edge_to(const Submap& after, std::size_t k) const {
+    const bool known = k > 0 && !submaps_[k - 1].scans.empty();
+    return odometry_edge(submaps_[k], after, known ? submaps_[k - 1].scans.back().utime : 0);
+  }
+
+  // Derives the trajectory of the stored submaps from `first` on from the keyposes anew. `newest` follows
+  // them.
+  void rebuild_trajectory(std::int64_t first, const Submap* newest, GraphState& graph) const {
     auto& t = graph.trajectory;
     while (!t.empty() && t.back().submap >= first) t.pop_back();
     for (auto k = static_cast<std::size_t>(first); k < submaps_.size(); ++k) {
-      append_trajectory(submaps_[k], graph.map_from_submap, t);
+      append_trajectory(submaps_[k], k + 1 < submaps_.size() ? &submaps_[k + 1] : newest,
+                        graph.map_from_submap, t);
     }
   }
 

@@ -6,6 +6,7 @@
 #include <queue>
 
 #include "backend/density_image.hpp"
+#include "backend/pieces.hpp"
 #include "backend/ransac_2d.hpp"
 #include "backend/submap_codec.hpp"
 
@@ -18,15 +19,17 @@ constexpr double kMinGap = 12.0, kMaxGap = 60.0;  // [m] bounds of the way that 
 constexpr double kNoLimit = 1e9;
 // Way through the graph [m] after which a good odometry is still within the registration's reach.
 constexpr double kKnownWithin = 500.0;
-constexpr double kComeBack = 0.5;          // a revisit is at most this share of the way between away
-constexpr double kClosureLength = 1.0;     // [m] a closure counts as so much way
-constexpr double kDegenerateFactor = 3.0;  // a degenerate metre may be wrong as much as this many others
-constexpr double kLostMetres =
-    20.0;  // a lost scan may be wrong by the drift of so many metres, and twenty times its own
+constexpr double kComeBack = 0.5;              // a revisit is at most this share of the way between away
+constexpr double kClosureLength = 1.0;         // [m] a closure counts as so much way
+constexpr double kDegenerateFactor = 3.0;      // a degenerate metre may be wrong as much as this many others
 constexpr double kBoundFloor = 1.0;            // [m]
 constexpr double kRotationBoundFloor = 0.2;    // [rad]
 constexpr double kRotationBoundGrowth = 5e-4;  // [rad / m]
-constexpr std::size_t kMaxAligned = 10;        // submaps whose matches are aligned in 2D
+// So many features agree on one motion by no chance: then odometry is doubted more, but not altogether: a
+// bridge repeats itself for good.
+constexpr int kManyInliers = 20;
+constexpr double kDoubt = 3.0;
+constexpr std::size_t kMaxAligned = 10;  // submaps whose matches are aligned in 2D
 
 double seen_radius(const Submap& submap, const std::vector<Eigen::Vector3d>& path) {
   std::vector<double> distances;
@@ -48,7 +51,6 @@ double doubtful_way(const Submap& submap) {
   for (const ScanPose& s : submap.scans) {
     const double step = (previous.inverse() * s.submap_from_sensor).translation.norm();
     if (s.state == TrackingState::kDegenerate) sum += (kDegenerateFactor - 1.0) * step;
-    if (s.state == TrackingState::kLost) sum += 19.0 * step + kLostMetres;
     previous = s.submap_from_sensor;
   }
   return sum;
@@ -62,19 +64,24 @@ Pose lifted(const Place& from, const Place& to, const Alignment2d& a) {
 
 }  // namespace
 
-std::pair<Place, Features> make_place(const Submap& submap, double path_begin_m,
-                                      const BackendConfig& config) {
+std::pair<Place, Features> make_place(const Submap& whole, const Place* before, const BackendConfig& config) {
   Place place;
-  place.path.emplace_back(0.0, 0.0, 0.0);
+  const AnchoredScans anchored = anchored_scans(whole.scans);
+  const Submap submap = anchored_submap(whole);
+  place.piece = (before ? before->piece + before->ends_piece : 0) + anchored.starts_piece;
+  place.ends_piece = anchored.ends_piece;
+  // After a loss the keypose is where the submap's points have it, but the sensor never was there.
+  place.path.emplace_back(anchored.starts_piece ? submap.scans.front().submap_from_sensor.translation
+                                                : Eigen::Vector3d::Zero());
   for (const ScanPose& s : submap.scans) {
     if ((s.submap_from_sensor.translation - place.path.back()).norm() > kPathSpacing) {
       place.path.push_back(s.submap_from_sensor.translation);
     }
   }
   if (!submap.scans.empty()) place.path.push_back(submap.scans.back().submap_from_sensor.translation);
-  place.path_begin_m = path_begin_m;
+  place.path_begin_m = before ? before->path_end_m : 0.0;
   // Swaying of a hand-held sensor is no way travelled: the length of the thinned path.
-  place.path_end_m = path_begin_m;
+  place.path_end_m = place.path_begin_m;
   for (std::size_t i = 1; i < place.path.size(); ++i) {
     place.path_end_m += (place.path[i] - place.path[i - 1]).norm();
   }
@@ -96,6 +103,8 @@ std::vector<std::uint8_t> encode_place(const Place& place, const Features& featu
   out.put(place.path_begin_m);
   out.put(place.path_end_m);
   out.put(place.doubtful_m);
+  out.put(place.piece);
+  out.put(static_cast<std::uint8_t>(place.ends_piece));
   out.put(place.seen_radius_m);
   out.put(static_cast<std::uint32_t>(place.path.size()));
   for (const auto& p : place.path) {
@@ -120,6 +129,8 @@ std::pair<Place, Features> decode_place(const std::vector<std::uint8_t>& bytes, 
   place.path_begin_m = in.get<double>();
   place.path_end_m = in.get<double>();
   place.doubtful_m = in.get<double>();
+  place.piece = in.get<std::int32_t>();
+  place.ends_piece = in.get<std::uint8_t>() != 0;
   place.seen_radius_m = in.get<double>();
   const auto n_path = std::min<std::size_t>(in.get<std::uint32_t>(), in.left() / 24);
   for (std::size_t i = 0; i < n_path; ++i) {
@@ -150,6 +161,8 @@ double PlaceIndex::revisit_distance(std::int64_t from_id, std::int64_t to_id) co
   if (config_.candidates == "paper") return to_id - from_id > config_.skip_newest ? kNoLimit : 0.0;
   const Place& from = places_[static_cast<std::size_t>(from_id)];
   const Place& to = places_[static_cast<std::size_t>(to_id)];
+  // Of another piece it is not known how far away it is: what looks alike may be right here.
+  if (from.piece != to.piece) return kReach;
   const double gap = to.path_begin_m - from.path_end_m;
   const double seen = std::max(from.seen_radius_m, to.seen_radius_m);
   if (gap < std::clamp(2.0 * seen, kMinGap, kMaxGap)) return 0.0;
@@ -244,18 +257,20 @@ std::vector<double> graph_distances(const std::vector<Place>& places,
     const auto [d, node] = open.top();
     open.pop();
     if (d > distance[node]) continue;
-    if (node > 0) reach(node - 1, d + way(node - 1));
-    if (node + 1 < n) reach(node + 1, d + way(node));
+    if (node > 0 && places[node - 1].piece == places[node].piece) reach(node - 1, d + way(node - 1));
+    if (node + 1 < n && places[node + 1].piece == places[node].piece) reach(node + 1, d + way(node));
     for (const std::size_t other : neighbours[node]) reach(other, d + kClosureLength);
   }
   return distance;
 }
 
-PoseBound drift_bound(const Pose& from_from_to, double distance_m, const BackendConfig& config) {
+PoseBound drift_bound(const Pose& from_from_to, double distance_m, int inliers, const BackendConfig& config) {
   PoseBound bound;
   bound.from_from_to = from_from_to;
-  bound.translation_m = kBoundFloor + config.max_drift * distance_m;
-  bound.rotation_rad = std::min(M_PI, kRotationBoundFloor + kRotationBoundGrowth * distance_m);
+  if (!std::isfinite(distance_m)) return bound;
+  const double doubt = inliers >= kManyInliers ? kDoubt : 1.0;
+  bound.translation_m = kBoundFloor + doubt * config.max_drift * distance_m;
+  bound.rotation_rad = std::min(M_PI, kRotationBoundFloor + doubt * kRotationBoundGrowth * distance_m);
   return bound;
 }
 

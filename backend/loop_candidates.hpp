@@ -22,12 +22,16 @@ struct Place {
   std::vector<Eigen::Vector3d> path;       ///< Sensor positions [m], submap frame, thinned.
   double path_begin_m = 0.0;               ///< Way travelled since the session began, at the keypose
   double path_end_m = 0.0;                 ///< and at the submap's end.
-  double doubtful_m = 0.0;  ///< Way that odometry may have got wrong altogether (lost or degenerate scans).
+  double doubtful_m = 0.0;  ///< Way that odometry may have got wrong altogether (degenerate scans).
+  std::int32_t piece = 0;  ///< Counts the losses of tracking before the keypose: what hangs together has one.
+  bool ends_piece = false;  ///< Tracking was lost between this keypose and the next one, at this one's side.
   double seen_radius_m = 0.0;  ///< Median distance of the points from the path.
 };
 
-/// The place of a submap, and its features for the tree. `path_begin_m` is that of the submap before's end.
-std::pair<Place, Features> make_place(const Submap& submap, double path_begin_m, const BackendConfig& config);
+/// The place of a submap, and its features for the tree. Of a submap in which tracking was lost, the anchored
+/// part (pieces.hpp).
+/// @param before the place of the submap before; null: there is none
+std::pair<Place, Features> make_place(const Submap& submap, const Place* before, const BackendConfig& config);
 
 /// Bytes for the session store: a place and its features.
 std::vector<std::uint8_t> encode_place(const Place& place, const Features& features);
@@ -40,6 +44,7 @@ struct Candidate {
   Pose guess;                        ///< from_from_to.
   int inliers = 0;                   ///< Of the 2D alignment; 0: proposed by the graph.
   double max_path_distance_m = 0.0;  ///< Paths further apart than this are no revisit.
+  bool rivals = false;               ///< Another place looks as much like it.
 };
 
 /// All places of a session with their features.
@@ -74,11 +79,13 @@ class PlaceIndex {
 };
 
 /// Length of the shortest way [m] through odometry and accepted closures from submap `start` to every submap:
-/// what a drift bound is taken of.
+/// what a drift bound is taken of. Infinite where tracking was lost on every way.
 std::vector<double> graph_distances(const std::vector<Place>& places,
                                     const std::vector<ClosureRecord>& closures, std::int64_t start);
 
-/// How far the truth may be from the graph's relative pose after `distance_m` through the graph.
-PoseBound drift_bound(const Pose& from_from_to, double distance_m, const BackendConfig& config);
+/// How far the truth may be from the graph's relative pose after `distance_m` through the graph: the drift
+/// that is credible, more of it where many features agree; anywhere if the distance is infinite.
+/// @param inliers of the images' alignment; 0: none
+PoseBound drift_bound(const Pose& from_from_to, double distance_m, int inliers, const BackendConfig& config);
 
 }  // namespace hp2

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "backend/pieces.hpp"
+
 namespace hp2 {
 
 const char* const kRefusedByGraph = "the other closures contradict it";
@@ -19,6 +21,10 @@ constexpr int kMaxChecksAPair = 2;
 constexpr double kTriedAlready_m = 1.0, kTriedAlready_rad = 0.05;
 // How far the registration may end from where it began. An image's cells and matches are coarser than a
 // corrected graph.
+// Where tracking was lost between two submaps, odometry cannot tell places that look alike apart.
+constexpr int kUnknownInliers = 10;
+constexpr double kRivalShare = 0.6;  // of the inliers
+constexpr double kSamePlace_m = 5.0;
 constexpr double kAlikeReach_m = 5.0, kNearReach_m = 3.5, kReach_rad = 0.26;
 
 // True if the pair was looked at from about there before, or often enough.
@@ -50,6 +56,18 @@ bool graph_is_off(const GraphState& graph, std::size_t first) {
   return false;
 }
 
+// Notes where two candidates of about as many inliers would have the newest submap in different places.
+void mark_rivals(std::vector<Candidate>& candidates, const std::vector<Pose>& map_from_submap) {
+  for (Candidate& a : candidates) {
+    const Pose here = map_from_submap[static_cast<std::size_t>(a.from)] * a.guess;
+    for (const Candidate& b : candidates) {
+      const Pose there = map_from_submap[static_cast<std::size_t>(b.from)] * b.guess;
+      a.rivals = a.rivals || (b.inliers >= kRivalShare * a.inliers &&
+                              (here.translation - there.translation).norm() > kSamePlace_m);
+    }
+  }
+}
+
 int closures_of(const std::vector<ClosureRecord>& closures, std::int64_t to) {
   int n = 0;
   for (const ClosureRecord& c : closures) n += c.accepted && c.to_submap == to;
@@ -64,7 +82,7 @@ std::shared_ptr<const CheckedSubmap> LoopCloser::load(std::int64_t id, const Pla
     recent_.splice(recent_.begin(), recent_, it);
     return recent_.front();
   }
-  recent_.push_front(std::make_shared<CheckedSubmap>(store_.read_submap(id),
+  recent_.push_front(std::make_shared<CheckedSubmap>(anchored_submap(store_.read_submap(id)),
                                                      index.places()[static_cast<std::size_t>(id)].ground));
   if (recent_.size() > kKeptSubmaps) recent_.pop_back();
   return recent_.front();
@@ -75,17 +93,24 @@ bool LoopCloser::check(std::int64_t to, const Candidate& candidate, const PlaceI
                        std::vector<std::size_t>& changed, int& budget) {
   const auto f = static_cast<std::size_t>(candidate.from), t = static_cast<std::size_t>(to);
   const Pose predicted = graph.map_from_submap[f].inverse() * graph.map_from_submap[t];
-  const PoseBound bound = drift_bound(predicted, distances[f], config_);
+  const PoseBound bound = drift_bound(predicted, distances[f], candidate.inliers, config_);
   const bool alike = candidate.inliers > 0;
   ClosureRecord record;
+  const auto refuse = [&](const char* reason) {
+    record.from_submap = candidate.from;
+    record.to_submap = to;
+    record.from_from_to = candidate.guess;
+    record.reason = reason;
+  };
   const Pose off = predicted.inverse() * candidate.guess;
   const double slack = alike ? kAlikeReach_m : 0.0;
   if (off.translation.norm() > bound.translation_m + slack ||
       rotation_angle(off.rotation) > bound.rotation_rad + kReach_rad) {
-    record.from_submap = candidate.from;
-    record.to_submap = to;
-    record.from_from_to = candidate.guess;
-    record.reason = "the images' alignment is further from odometry than its drift allows";
+    refuse("the images' alignment is further from odometry than its drift allows");
+  } else if (!std::isfinite(distances[f]) && candidate.inliers < kUnknownInliers) {
+    refuse("too few features agree for a place of which odometry says nothing");
+  } else if (!std::isfinite(distances[f]) && candidate.rivals) {
+    refuse("other places look as much like it, and odometry says nothing of them");
   } else {
     --budget;
     record = verify_closure(*load(candidate.from, index), *load(to, index), candidate.guess, bound,
@@ -98,7 +123,7 @@ bool LoopCloser::check(std::int64_t to, const Candidate& candidate, const PlaceI
   return record.accepted;
 }
 
-void LoopCloser::correct(const std::vector<GraphEdge>& odometry, GraphState& graph,
+void LoopCloser::correct(const PlaceIndex& index, const std::vector<GraphEdge>& odometry, GraphState& graph,
                          std::vector<std::size_t>& changed) {
   std::vector<std::size_t> numbers;
   std::vector<GraphEdge> closures;
@@ -109,6 +134,9 @@ void LoopCloser::correct(const std::vector<GraphEdge>& odometry, GraphState& gra
     closures.push_back({static_cast<std::size_t>(c.from_submap), static_cast<std::size_t>(c.to_submap),
                         c.from_from_to, c.information});
   }
+  std::vector<int> pieces;
+  for (const Place& place : index.places()) pieces.push_back(place.piece);
+  place_pieces(graph.map_from_submap, pieces, closures);
   const std::vector<bool> used = optimise_consistent(graph.map_from_submap, odometry, closures);
   for (std::size_t k = 0; k < numbers.size(); ++k) {
     ClosureRecord& c = graph.closures[numbers[k]];
@@ -140,19 +168,21 @@ bool LoopCloser::close(const Submap& newest, const Features& features, const Pla
                        const std::vector<GraphEdge>& odometry, GraphState& graph,
                        std::vector<std::size_t>& changed) {
   recent_.remove_if([&](const auto& s) { return s->id == newest.id; });  // of an attempt that was not stored
-  recent_.push_front(std::make_shared<CheckedSubmap>(newest, index.places().back().ground));
+  recent_.push_front(std::make_shared<CheckedSubmap>(anchored_submap(newest), index.places().back().ground));
   if (recent_.size() > kKeptSubmaps) recent_.pop_back();
   const std::int64_t to = newest.id;
   const std::size_t first_new = graph.closures.size();
   int budget = config_.candidates_per_submap, accepted = 0;
   const auto distances = graph_distances(index.places(), graph.closures, to);
-  for (const Candidate& c : index.alike(features)) {
+  std::vector<Candidate> candidates = index.alike(features);
+  mark_rivals(candidates, graph.map_from_submap);
+  for (const Candidate& c : candidates) {
     if (budget <= 0 || accepted >= kEnoughClosures) break;
     accepted += check(to, c, index, distances, graph, changed, budget);
   }
   if (config_.graph_candidates) check_further(to, index, budget, graph, changed, accepted);
   if (accepted == 0 || !graph_is_off(graph, first_new)) return false;
-  correct(odometry, graph, changed);
+  correct(index, odometry, graph, changed);
 
   // The corrected graph may show that submaps before this one came back as well: one that was too far off
   // then.
@@ -160,7 +190,7 @@ bool LoopCloser::close(const Submap& newest, const Features& features, const Pla
   for (std::int64_t k = to; k >= std::max<std::int64_t>(0, to - kLookBack) && further > 0; --k) {
     further -= check_further(k, index, further, graph, changed, more);
   }
-  if (more > 0 && graph_is_off(graph, first_new)) correct(odometry, graph, changed);
+  if (more > 0 && graph_is_off(graph, first_new)) correct(index, odometry, graph, changed);
   return true;
 }
 
@@ -174,7 +204,7 @@ bool LoopCloser::close_all(const PlaceIndex& index, const std::vector<GraphEdge>
   }
   const bool any =
       std::any_of(graph.closures.begin(), graph.closures.end(), [](const auto& c) { return c.accepted; });
-  if (any) correct(odometry, graph, changed);
+  if (any) correct(index, odometry, graph, changed);
   return any;
 }
 

@@ -44,7 +44,7 @@ class LoopCloser {
              int& budget);
   int check_further(std::int64_t to, const PlaceIndex& index, int budget, GraphState& graph,
                     std::vector<std::size_t>& changed, int& accepted);
-  static void correct(const std::vector<GraphEdge>& odometry, GraphState& graph,
+  static void correct(const PlaceIndex& index, const std::vector<GraphEdge>& odometry, GraphState& graph,
                       std::vector<std::size_t>& changed);
 
   BackendConfig config_;

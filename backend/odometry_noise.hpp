@@ -1,6 +1,7 @@
 // What the back-end believes of the odometry's errors: a scan's own covariance, never less than a floor that
 // grows with the motion. Shared by the pose graph and the scan-level refinement, so that both weigh alike.
 #pragma once
+#include <cstdint>
 #include <vector>
 
 #include "common/submap.hpp"
@@ -12,10 +13,14 @@ struct OdometryStep {
   Pose previous_from_current;
   Matrix6d covariance;  ///< Right increments (rho [m], phi [rad]) in the current scan's sensor frame.
   double length_m = 0.0;
+  double duration_s = 0.0;
+  bool loss = false;  ///< Tracking was lost: the motion is a guess, and the two sides of it two pieces.
+  double loss_m = 0.0, loss_rad = 0.0;  ///< Then: standard deviation of the guess.
 };
 
 /// The steps of a submap in order of time, the first one from the keypose. One a scan.
-std::vector<OdometryStep> odometry_steps(const std::vector<ScanPose>& scans);
+/// @param utime_before end of the sweep before the first one [us]; 0: unknown, the scans' own rate is taken
+std::vector<OdometryStep> odometry_steps(const std::vector<ScanPose>& scans, std::int64_t utime_before = 0);
 
 /// Covariance of the last scan's pose in the submap: right increments in that scan's frame (first order).
 Matrix6d accumulated_covariance(const std::vector<OdometryStep>& steps);

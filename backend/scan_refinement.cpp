@@ -1,8 +1,11 @@
 #include "backend/scan_refinement.hpp"
 
+#include <algorithm>
+
 #include <Eigen/Cholesky>
 
 #include "backend/odometry_noise.hpp"
+#include "backend/pieces.hpp"
 
 namespace hp2 {
 namespace {
@@ -49,13 +52,44 @@ std::vector<Pose> refine_scans(const std::vector<ScanPose>& scans, const Pose& m
   return poses;
 }
 
-void append_trajectory(const Submap& submap, const std::vector<Pose>& map_from_submap,
+void append_trajectory(const Submap& submap, const Submap* next, const std::vector<Pose>& map_from_submap,
                        std::vector<TrajectoryPose>& trajectory) {
   const auto k = static_cast<std::size_t>(submap.id);
-  const Pose* next = k + 1 < map_from_submap.size() ? &map_from_submap[k + 1] : nullptr;
-  const std::vector<Pose> poses = refine_scans(submap.scans, map_from_submap.at(k), next);
+  const Pose& keypose = map_from_submap.at(k);
+  const std::vector<ScanPose>& scans = submap.scans;
+  const AnchoredScans anchored = anchored_scans(scans);
+  const bool ends_at_next =
+      next != nullptr && k + 1 < map_from_submap.size() && !anchored_scans(next->scans).starts_piece;
+  const Pose* map_from_next = ends_at_next ? &map_from_submap[k + 1] : nullptr;
+  std::vector<Pose> poses;
+  if (anchored.starts_piece) {
+    // Scans before the loss go on from where the submap before ended.
+    const bool follows = !trajectory.empty() && trajectory.back().submap == submap.id - 1;
+    const Pose before = follows ? trajectory.back().map_from_sensor : keypose;
+    for (std::size_t i = 0; i < anchored.begin; ++i) poses.push_back(before * scans[i].submap_from_sensor);
+    const Pose first = keypose * scans[anchored.begin].submap_from_sensor;
+    poses.push_back(first);
+    std::vector<ScanPose> rest(scans.begin() + static_cast<std::ptrdiff_t>(anchored.begin + 1), scans.end());
+    for (ScanPose& s : rest) {
+      s.submap_from_sensor = scans[anchored.begin].submap_from_sensor.inverse() * s.submap_from_sensor;
+    }
+    const std::vector<Pose> after = refine_scans(rest, first, map_from_next);
+    poses.insert(poses.end(), after.begin(), after.end());
+  } else if (anchored.ends_piece && map_from_next != nullptr) {
+    // Scans after the loss lead to the next keypose.
+    const auto last = std::find_if(scans.rbegin(), scans.rend(),
+                                   [](const ScanPose& s) { return s.state == TrackingState::kLost; })
+                          .base() -
+                      1;
+    const Pose end = *map_from_next * scans.back().submap_from_sensor.inverse();
+    for (auto s = scans.begin(); s != scans.end(); ++s) {
+      poses.push_back((s < last ? keypose : end) * s->submap_from_sensor);
+    }
+  } else {
+    poses = refine_scans(scans, keypose, map_from_next);
+  }
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    const ScanPose& scan = submap.scans[i];
+    const ScanPose& scan = scans[i];
     trajectory.push_back(
         {scan.sequence, scan.utime, submap.id, submap.odom_from_submap * scan.submap_from_sensor, poses[i]});
   }

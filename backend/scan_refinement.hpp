@@ -18,8 +18,12 @@ namespace hp2 {
 std::vector<Pose> refine_scans(const std::vector<ScanPose>& scans, const Pose& map_from_submap,
                                const Pose* map_from_next);
 
-/// Appends the final poses of a submap's scans. `map_from_submap` holds the keyposes of all submaps.
-void append_trajectory(const Submap& submap, const std::vector<Pose>& map_from_submap,
+/// Appends the final poses of a submap's scans. Where tracking was lost, each side of the gap goes with its
+/// own keypose.
+/// @param next            the submap after it (its scans are looked at); null: there is none
+/// @param map_from_submap keyposes of all submaps
+/// @param trajectory      so far; the submap before is in it
+void append_trajectory(const Submap& submap, const Submap* next, const std::vector<Pose>& map_from_submap,
                        std::vector<TrajectoryPose>& trajectory);
 
 }  // namespace hp2

@@ -15,7 +15,7 @@ namespace hp2 {
 namespace {
 
 constexpr int kApplicationId = 0x48503253;  // "HP2S"
-constexpr int kSchemaVersion = 1;
+constexpr int kSchemaVersion = 2;
 const char* const kSchema = R"(
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE submaps (id INTEGER PRIMARY KEY, travelled_m REAL NOT NULL, scans_skipped INTEGER NOT NULL,
@@ -252,9 +252,12 @@ GraphState SessionStore::read_graph() const {
     decode_constraint(c.bytes(8), impl_->where("closure", c.number(0)), r);
     g.closures.push_back(r);
   }
-  for (std::size_t k = 0; k < g.map_from_submap.size(); ++k) {
-    const Submap m = read_submap(static_cast<std::int64_t>(k), false);
-    append_trajectory(m, g.map_from_submap, g.trajectory);
+  const auto n = static_cast<std::int64_t>(g.map_from_submap.size());
+  Submap m = n > 0 ? read_submap(0, false) : Submap();
+  for (std::int64_t k = 0; k < n; ++k) {
+    Submap next = k + 1 < n ? read_submap(k + 1, false) : Submap();
+    append_trajectory(m, k + 1 < n ? &next : nullptr, g.map_from_submap, g.trajectory);
+    m = std::move(next);
   }
   return g;
 }

@@ -31,7 +31,8 @@ std::string quaternion_pose(const Pose& pose, char separator) {
   return out;
 }
 
-// g2o's increment is (t, vector part of the quaternion); that part is half the rotation vector.
+// g2o's error of an edge is measurement^-1 from^-1 to as (t, vector part of the quaternion): right increments in
+// the frame of `to`, as ours are, but with half the rotation vector.
 std::string edge(std::size_t from, std::size_t to, const Pose& pose, Matrix6d information) {
   information.rightCols<3>() *= 2.0;
   information.bottomRows<3>() *= 2.0;
@@ -75,9 +76,7 @@ std::string graph_g2o(const SessionDigest& digest, const std::vector<ClosureReco
   for (const ClosureRecord& c : closures) {
     const auto from = static_cast<std::size_t>(c.from_submap), to = static_cast<std::size_t>(c.to_submap);
     if (!c.accepted || c.from_submap < 0 || c.to_submap < 0 || from >= n || to >= n) continue;
-    // Exp(d) Z = Z Exp(Ad(Z^-1) d): the information of right increments is Ad(Z)^T I Ad(Z).
-    const Matrix6d carry = adjoint(c.from_from_to);
-    out += edge(from, to, c.from_from_to, carry.transpose() * c.information * carry);
+    out += edge(from, to, c.from_from_to, c.information);
   }
   return out;
 }

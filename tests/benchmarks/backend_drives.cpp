@@ -10,6 +10,7 @@
 #include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
+#include <Eigen/SVD>
 
 #include "backend/backend.hpp"
 #include "common/error.hpp"
@@ -21,15 +22,36 @@
 namespace hp2 {
 namespace {
 
-// Runs the front-end over the drive and stores its submaps without closing loops.
-void register_drive(const ScanSource& source, double submap_length_m, const std::string& mode,
+// Scans that are missing from a drive.
+struct Gap {
+  std::size_t first = 0, count = 0;
+};
+
+// Runs the front-end over the drive and stores its submaps without closing loops. After a gap a new front-end
+// goes on: its first scan is lost, where it is but guessed at from the motion before.
+void register_drive(const ScanSource& source, double submap_length_m, const std::string& mode, const Gap& gap,
                     SessionStore& store) {
   FrontendConfig config;
   config.submap_length_m = submap_length_m;
   config.mode = mode;
-  Frontend frontend(config, 1);
-  const auto keep = [&](Submap& m, bool last) {
+  auto frontend = std::make_unique<Frontend>(config, 1);
+  std::int64_t ids = 0;
+  Pose odom_from_piece, odom_from_sensor, previous;
+  bool lost = false;
+  const auto keep = [&](Submap m, bool last) {
     estimate_normals(m);
+    Pose moved;  // of the first submap after the gap: its keypose is the last pose before it
+    const Pose old_keypose = odom_from_piece * m.odom_from_submap;
+    if (lost) {
+      m.scans.front().state = TrackingState::kLost;
+      moved = odom_from_sensor.inverse() * old_keypose;
+      for (auto& p : m.points) p = (moved * p.cast<double>()).cast<float>();
+      for (auto& n : m.normals) n = (moved.rotation * n.cast<double>()).cast<float>();
+      for (auto& s : m.scans) s.submap_from_sensor = moved * s.submap_from_sensor;
+      lost = false;
+    }
+    m.odom_from_submap = old_keypose * moved.inverse();
+    m.id = ids++;
     const std::vector<std::uint8_t> no_state;
     SessionChange change;
     change.submap = &m;
@@ -38,10 +60,22 @@ void register_drive(const ScanSource& source, double submap_length_m, const std:
     store.commit(change);
   };
   for (std::size_t i = 0; i < source.size(); ++i) {
-    auto out = frontend.process(source.read(i));
-    if (out.finished_submap) keep(*out.finished_submap, false);
+    if (gap.count > 0 && i == gap.first) {
+      if (auto rest = frontend->finish()) keep(std::move(*rest), false);
+      frontend = std::make_unique<Frontend>(config, 1);
+      const Vector6d step = se3_log(previous.inverse() * odom_from_sensor);
+      odom_from_piece = odom_from_sensor * se3_exp(static_cast<double>(gap.count + 1) * step);
+      i += gap.count;
+      lost = true;
+      if (i >= source.size()) break;
+    }
+    auto out = frontend->process(source.read(i));
+    if (out.finished_submap) keep(std::move(*out.finished_submap), false);
+    if (lost) continue;  // the last pose before the gap is still needed
+    previous = odom_from_sensor;
+    odom_from_sensor = odom_from_piece * out.odometry.odom_from_sensor;
   }
-  if (auto rest = frontend.finish()) keep(*rest, true);
+  if (auto rest = frontend->finish()) keep(std::move(*rest), true);
 }
 
 // The same submap as an odometry with a systematic error would have made it: its length is off by a share,
@@ -65,6 +99,25 @@ Submap with_drift(Submap m, double scale, double yaw_per_m, const Pose& odom_fro
   }
   m.odom_from_submap = odom_from_submap;
   return m;
+}
+
+// Where a submap truly is: the pose that lays its scans' poses on the true ones in the mean. Its keypose is
+// but one of them, and as wrong as any.
+Pose true_pose(const Submap& submap, const std::vector<StampedPose>& truth) {
+  Eigen::Matrix3d turns = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d true_mean = Eigen::Vector3d::Zero(), mean = Eigen::Vector3d::Zero();
+  const auto n = static_cast<double>(submap.scans.size());
+  for (const ScanPose& s : submap.scans) {
+    const Pose& t = truth.at(static_cast<std::size_t>(s.sequence)).pose;
+    turns += (t.rotation * s.submap_from_sensor.rotation.conjugate()).toRotationMatrix();
+    true_mean += t.translation / n;
+    mean += s.submap_from_sensor.translation / n;
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(turns, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d sign = Eigen::Matrix3d::Identity();
+  sign(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
+  const Eigen::Quaterniond rotation(Eigen::Matrix3d(svd.matrixU() * sign * svd.matrixV().transpose()));
+  return {rotation, true_mean - rotation * mean};
 }
 
 double ate(const std::vector<StampedPose>& truth, const GraphState& graph, bool corrected) {
@@ -126,28 +179,31 @@ int run_laps(const SessionStore& submaps, const std::string& work, int laps, con
 }
 
 struct Options {
-  std::string cache = "submaps", mode = "robust";
-  double length_m = 25.0, scale = 0.0, yaw = 0.0;
+  std::string cache = "submaps", poses, mode = "robust";
+  double length_m = 0.0, scale = 0.0, yaw = 0.0;
   bool verbose = false;
   int laps = 1;
+  Gap gap;
   BackendConfig config;
 };
 
 int run(const std::string& drive, const Options& o) {
   const auto source = open_source(drive);
   const auto& truth = source->ground_truth();
-  char name[300];
-  std::snprintf(name, sizeof(name), "%s/%s_%s_%g", o.cache.c_str(),
+  char cached[300];
+  std::snprintf(cached, sizeof(cached), "%s/%s_%s_%g", o.cache.c_str(),
                 std::filesystem::path(drive).filename().c_str(), o.mode.c_str(), o.length_m);
+  std::string name = cached;
+  if (o.gap.count > 0) name += "_gap_" + std::to_string(o.gap.first) + "_" + std::to_string(o.gap.count);
   {
     SessionStore store(name);
     if (store.read_meta().count("registered") == 0) {
-      register_drive(*source, o.length_m, o.mode, store);
+      register_drive(*source, o.length_m, o.mode, o.gap, store);
       store.write_meta({{"registered", "yes"}});
     }
   }
   const SessionStore submaps(name, SessionStore::Access::kReadOnly);
-  const std::string work = std::string(name) + "_work";
+  const std::string work = name + "_work";
   std::filesystem::remove_all(work);
   if (o.laps > 1) return run_laps(submaps, work, o.laps, o.config);
   SessionStore store(work);
@@ -155,17 +211,10 @@ int run(const std::string& drive, const Options& o) {
 
   std::vector<double> ms;      // processor time: other work on the machine is not ours
   std::vector<Pose> keyposes;  // true
-  Pose odom_from_submap, truth_from_submap;
+  Pose odom_from_submap;
   for (std::int64_t id = 0; id < submaps.submap_count(); ++id) {
     Submap m = submaps.read_submap(id);
-    const Pose& last = truth.at(static_cast<std::size_t>(m.scans.back().sequence)).pose;
-    // The first keypose is the first scan's pose up to the sensor's first step.
-    if (id == 0) {
-      truth_from_submap = truth.at(static_cast<std::size_t>(m.scans.front().sequence)).pose *
-                          m.scans.front().submap_from_sensor.inverse();
-    }
-    keyposes.push_back(truth_from_submap);
-    truth_from_submap = last;
+    keyposes.push_back(true_pose(m, truth));
     m = with_drift(std::move(m), o.scale, o.yaw, odom_from_submap);
     odom_from_submap = odom_from_submap * m.scans.back().submap_from_sensor;
     const bool is_last = id + 1 == submaps.submap_count();
@@ -206,6 +255,20 @@ int run(const std::string& drive, const Options& o) {
       std::printf("    submap %zu revisits a place and has no closure\n", b);
   }
   std::sort(ms.begin(), ms.end());
+  if (!o.poses.empty()) {
+    for (const TrajectoryPose& p : graph.trajectory) {
+      FILE* out = std::fopen(o.poses.c_str(), &p == graph.trajectory.data() ? "w" : "a");
+      if (!out) break;
+      const Pose& t = truth.at(static_cast<std::size_t>(p.sequence)).pose;
+      for (const Pose& q : {t, p.odom_from_sensor, p.map_from_sensor}) {
+        for (int r = 0; r < 3; ++r) {
+          for (int c = 0; c < 4; ++c) std::fprintf(out, "%.9g ", q.matrix()(r, c));
+        }
+      }
+      std::fprintf(out, "%ld\n", static_cast<long>(p.submap));
+      std::fclose(out);
+    }
+  }
   std::printf(
       "%-16s submaps %3zu accepted %3d false %d (worst %.2f m %.2f deg) revisits %2d closed %2d "
       "ATE %.3f -> %.3f m  CPU ms median %.0f worst %.0f finish %.0f\n",
@@ -227,11 +290,16 @@ int main(int argc, char** argv) {
   hp2::Options o;
   app.add_option("drives", drives, "drives, as on every command line")->required();
   app.add_option("--cache", o.cache, "folder to keep the registered submaps in");
+  app.add_option("--poses", o.poses,
+                 "file to write every scan's poses to: true, odometry's, final (3x4 each), submap");
+  app.add_option("--max-drift", o.config.max_drift, "drift that a closure is believed at, share of the path");
   app.add_option("--mode", o.mode, "front-end's mode");
-  app.add_option("--length", o.length_m, "submap length [m]");
+  app.add_option("--length", o.length_m, "submap length [m]; 0: the front-end's own choice");
   app.add_option("--drift-scale", o.scale, "added drift along the path, share of the path");
   app.add_option("--drift-yaw", o.yaw, "added drift of the heading [rad/m]");
   app.add_option("--candidates", o.config.candidates, "adaptive or paper");
+  app.add_option("--gap", o.gap.first, "first of the scans that are left out (see --gap-count)");
+  app.add_option("--gap-count", o.gap.count, "scans left out; the front-end is lost after them");
   app.add_option("--laps", o.laps, "drive the drive's submaps so often, for memory and time only");
   app.add_flag("--verbose", o.verbose, "every verdict");
   CLI11_PARSE(app, argc, argv);

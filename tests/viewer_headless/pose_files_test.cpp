@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "backend/pose_graph.hpp"
 #include "tests/viewer_headless/made_up_session.hpp"
 #include "viewer_headless/ground_truth.hpp"
 #include "viewer_headless/summary.hpp"
@@ -102,7 +103,8 @@ TEST(G2o, ReadsBackAsTheGraph) {
 }
 
 TEST(G2o, InformationIsThatOfG2osOwnParameters) {
-  // A closure's cost, small left increment d: d^T I d. With g2o's error of the same pose it must be the same.
+  // What the pose graph charges for a pose that is off by d: e^T I e of edge_error(), right increments. g2o's
+  // error of the same pose with the written information must cost the same, whatever the frames and axes.
   auto s = session();
   SessionDigest digest;
   digest.map_from_submap = {Pose(), Pose()};
@@ -119,8 +121,11 @@ TEST(G2o, InformationIsThatOfG2osOwnParameters) {
   read_g2o(graph_g2o(digest, {c}), vertices, edges, fixed);
   ASSERT_EQ(edges.size(), 1U);
   const Vector6d d = 1e-4 * (Vector6d() << 1, -2, 3, 2, 1, -1).finished();
-  const Vector6d e = g2o_error(edges[0].pose, se3_exp(d) * c.from_from_to);
-  const double expected = d.dot(c.information * d);
+  const Pose from = se3_exp((Vector6d() << -7, 2, 1, 0.4, 0.1, 2.2).finished());
+  const Pose to = from * c.from_from_to * se3_exp(d);
+  const Vector6d e = g2o_error(edges[0].pose, from.inverse() * to);
+  const Vector6d ours = edge_error(from, to, c.from_from_to, nullptr, nullptr);
+  const double expected = ours.dot(c.information * ours);
   EXPECT_NEAR(e.dot(edges[0].information * e), expected, 2e-3 * expected);
 }
 
