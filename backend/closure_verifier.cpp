@@ -7,6 +7,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "backend/submap_bend.hpp"
 #include "frontend/registration.hpp"
 #include "frontend/submap_builder.hpp"
 
@@ -36,7 +37,6 @@ constexpr float kSharp = 0.2F;  // [m]: what counts as the same surface where tw
 constexpr double kTranslationFloor = 0.04;  // [m]
 constexpr double kRotationFloor = 0.002;    // [rad]
 constexpr double kMaxBend_m = 1.0, kMaxBend_rad = 0.07;
-constexpr double kBetter = 1.1;        // a half's own pose must explain so many times what the whole's does
 constexpr double kSurfaceNoise = 0.5;  // [m] a voxel: 0.1 m, and neighbours are no independent witnesses
 
 std::vector<Eigen::Vector3f> every_nth(const std::vector<Eigen::Vector3f>& points, std::size_t most) {
@@ -120,36 +120,6 @@ Pose register_fine(const CheckedSubmap& from, const CheckedSubmap& to, const Pos
   return register_clouds(from.points, every_nth(to.points, kFineSource), guess, fine_config(), kFineSigma,
                          kFineDistance)
       .target_from_source;
-}
-
-// Share of the points that have a surface of `from` within kSharp.
-double agreement(const CheckedSubmap& from, const std::vector<Eigen::Vector3f>& points, const Pose& pose) {
-  const Eigen::Matrix3f r = pose.rotation.toRotationMatrix().cast<float>();
-  const Eigen::Vector3f t = pose.translation.cast<float>();
-  std::size_t n = 0;
-  for (const auto& p : points) {
-    const Eigen::Vector3f q = r * p + t;
-    n += q.cwiseAbs().maxCoeff() < 1e5F && from.cloud.nearest(q, kSharp) != nullptr;
-  }
-  return static_cast<double>(n) / static_cast<double>(std::max<std::size_t>(points.size(), 1));
-}
-
-// What is wrong inside a submap, where odometry erred in the middle of it, no pose of the whole can mend: its
-// two halves, each registered by itself, say where they would be. Pose of the second half as the first sees
-// it, about the middle of the path; identity where that explains neither half better (one may not be in
-// view).
-Pose bend(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to, const Pose& middle) {
-  const auto half = to.points.begin() + static_cast<std::ptrdiff_t>(to.points.size() / 2);
-  const std::vector<Eigen::Vector3f> halves[] = {every_nth({to.points.begin(), half}, kFineSource / 2),
-                                                 every_nth({half, to.points.end()}, kFineSource / 2)};
-  Pose pose[2];
-  for (int k = 0; k < 2; ++k) {
-    pose[k] = register_clouds(from.points, halves[k], from_from_to, fine_config(), kFineSigma, kFineDistance)
-                  .target_from_source;
-    const double whole = agreement(from, halves[k], from_from_to);
-    if (agreement(from, halves[k], pose[k]) < kBetter * whole) pose[k] = from_from_to;
-  }
-  return middle.inverse() * pose[0].inverse() * pose[1] * middle;
 }
 
 // Share of the best pose's agreement that another pose within `reach_m` reaches. Most shifted poses explain
@@ -310,7 +280,7 @@ ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to,
         text("repeated structure: a shifted pose explains %.2f of it, above %.2f", repeated, kAmbiguous));
   }
   const Pose middle({1, 0, 0, 0}, to.path[to.path.size() / 2]);
-  const Pose bent = bend(from, to, c.from_from_to, middle);
+  const Pose bent = submap_bend(from.points, from.cloud, to.points, c.from_from_to, middle);
   const double bent_m = bent.translation.norm(), bent_rad = rotation_angle(bent.rotation);
   if (!(bent_m < kMaxBend_m) || !(bent_rad < kMaxBend_rad)) {
     return refused(text("the newer submap is bent by %.1f m, %.1f degrees", bent_m, bent_rad * 180.0 / M_PI));

@@ -252,13 +252,12 @@ GraphState SessionStore::read_graph() const {
     decode_constraint(c.bytes(8), impl_->where("closure", c.number(0)), r);
     g.closures.push_back(r);
   }
-  const auto n = static_cast<std::int64_t>(g.map_from_submap.size());
-  Submap m = n > 0 ? read_submap(0, false) : Submap();
-  for (std::int64_t k = 0; k < n; ++k) {
-    Submap next = k + 1 < n ? read_submap(k + 1, false) : Submap();
-    append_trajectory(m, k + 1 < n ? &next : nullptr, g.map_from_submap, g.trajectory);
-    m = std::move(next);
+  std::vector<Submap> chain;
+  for (std::size_t k = 0; k < g.map_from_submap.size(); ++k) {
+    chain.push_back(read_submap(static_cast<std::int64_t>(k), false));
+    if (k > 0) append_trajectory(chain[k - 1], &chain[k], g.map_from_submap, g.trajectory);
   }
+  if (!chain.empty()) append_trajectory(chain.back(), nullptr, g.map_from_submap, g.trajectory);
   return g;
 }
 

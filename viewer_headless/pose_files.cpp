@@ -31,8 +31,8 @@ std::string quaternion_pose(const Pose& pose, char separator) {
   return out;
 }
 
-// g2o's error of an edge is measurement^-1 from^-1 to as (t, vector part of the quaternion): right increments in
-// the frame of `to`, as ours are, but with half the rotation vector.
+// g2o's error of an edge is measurement^-1 from^-1 to as (t, vector part of the quaternion): right increments
+// in the frame of `to`, as ours are, but with half the rotation vector.
 std::string edge(std::size_t from, std::size_t to, const Pose& pose, Matrix6d information) {
   information.rightCols<3>() *= 2.0;
   information.bottomRows<3>() *= 2.0;

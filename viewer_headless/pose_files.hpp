@@ -17,8 +17,8 @@ std::string poses_odometry_tum(const SessionDigest& digest);
 
 /// g2o: VERTEX_SE3:QUAT of the keyposes (the first one fixed), EDGE_SE3:QUAT of the odometry and the accepted
 /// closures. The information's upper triangle is in g2o's own parameters (translation, then x y z of the unit
-/// quaternion of measurement^-1 from^-1 to): right increments in the newer submap's frame, as ClosureRecord has
-/// them, rotation vectors halved.
+/// quaternion of measurement^-1 from^-1 to): right increments in the newer submap's frame, as ClosureRecord
+/// has them, rotation vectors halved.
 std::string graph_g2o(const SessionDigest& digest, const std::vector<ClosureRecord>& closures);
 
 /// All verdicts: from_submap,to_submap,inliers,overlap,residual_m,accepted,reason,tx,ty,tz,qx,qy,qz,qw.

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include <Eigen/LU>
-
 namespace hp2 {
 
 namespace {
@@ -12,27 +10,6 @@ const TrajectoryPose* find(const std::vector<TrajectoryPose>& trajectory, std::i
   const auto it = std::lower_bound(trajectory.begin(), trajectory.end(), sequence,
                                    [](const TrajectoryPose& p, std::int64_t s) { return p.sequence < s; });
   return it != trajectory.end() && it->sequence == sequence ? &*it : nullptr;
-}
-
-// Motion and information over all scans of a submap: right increments chained to its last pose.
-OdometryEdge odometry_edge(const Submap& submap) {
-  OdometryEdge edge;
-  if (submap.scans.empty()) return edge;
-  Matrix6d covariance = Matrix6d::Zero();
-  Pose previous;
-  for (const ScanPose& scan : submap.scans) {
-    const Matrix6d carry = adjoint((previous.inverse() * scan.submap_from_sensor).inverse());
-    covariance = carry * covariance * carry.transpose() + scan.covariance;
-    previous = scan.submap_from_sensor;
-  }
-  edge.from_from_to = previous;
-  const Eigen::FullPivLU<Matrix6d> lu(covariance);
-  if (covariance.allFinite() && lu.isInvertible()) {
-    edge.information = lu.inverse();
-    edge.information = (0.5 * (edge.information + edge.information.transpose())).eval();
-    edge.information_known = true;
-  }
-  return edge;
 }
 
 void hand_on_points(const Submap& submap, const Pose& map_from_submap,
@@ -75,6 +52,8 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
   const auto by_sequence = [](const auto& a, const auto& b) { return a.sequence < b.sequence; };
   std::stable_sort(trajectory.begin(), trajectory.end(), by_sequence);
 
+  Submap before;  // its scans alone
+  std::int64_t utime_before = 0;
   for (std::int64_t id = 0; id < view.submap_count; ++id) {
     const Submap submap = view.read_submap(id);
     const auto index = static_cast<std::size_t>(id);
@@ -98,7 +77,10 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
     }
     if (sink) hand_on_points(submap, map_from_submap, map_from_sensor, sink);
     digest.map_from_submap.push_back(map_from_submap);
-    if (id + 1 < view.submap_count) digest.odometry.push_back(odometry_edge(submap));
+    if (id > 0) digest.odometry.push_back(odometry_edge(before, submap, utime_before));
+    utime_before = before.scans.empty() ? 0 : before.scans.back().utime;
+    before.id = id;
+    before.scans = submap.scans;
     digest.scans_skipped += submap.scans_skipped;
   }
   // Scans that the trajectory knows but no readable submap holds still have a pose to write; unique() keeps

@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "backend/pieces.hpp"
 #include "viewer_headless/session_view.hpp"
 
 namespace hp2 {
@@ -23,21 +24,14 @@ struct ScanRecord {
   ScanDiagnostics diagnostics;
 };
 
-/// The odometry's motion from the keypose of submap i to that of submap i + 1.
-struct OdometryEdge {
-  Pose from_from_to;
-  Matrix6d information = Matrix6d::Identity();  ///< (rho [m], phi [rad]), right increments.
-  bool information_known = false;  ///< False: no covariance came with the scans; the identity stands.
-};
-
 /// What is left of a session without its points.
 struct SessionDigest {
-  std::vector<ScanRecord> scans;       ///< In order of sequence, each once.
-  std::vector<Pose> map_from_submap;   ///< One a submap, also of those that the graph does not have yet.
-  std::vector<OdometryEdge> odometry;  ///< One less than submaps.
-  std::int64_t scans_skipped = 0;      ///< By overload or gaps, as the front-end counted.
-  double path_m = 0.0;                 ///< Length of the final trajectory [m].
-  double duration_s = 0.0;             ///< From the first to the last scan by their stamps [s].
+  std::vector<ScanRecord> scans;      ///< In order of sequence, each once.
+  std::vector<Pose> map_from_submap;  ///< One a submap, also of those that the graph does not have yet.
+  std::vector<GraphEdge> odometry;    ///< Between consecutive keyposes, as the back-end weighs it.
+  std::int64_t scans_skipped = 0;     ///< By overload or gaps, as the front-end counted.
+  double path_m = 0.0;                ///< Length of the final trajectory [m].
+  double duration_s = 0.0;            ///< From the first to the last scan by their stamps [s].
 
   /// Seconds of every scan since the first one; scan numbers if the stamps do not rise.
   std::vector<double> times_s() const;

@@ -1,0 +1,47 @@
+#include "backend/submap_bend.hpp"
+
+#include <algorithm>
+#include <cstddef>
+
+#include "frontend/registration.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr double kSigma = 0.4, kDistance = 0.6;  // [m], as the whole is registered
+constexpr std::size_t kSource = 2000;            // points of a half
+constexpr float kSharp = 0.2F;                   // [m]: what counts as the same surface
+constexpr double kBetter = 1.1;  // a half's own pose must explain so many times what the whole's does
+
+double agreement(const VoxelCloud& from, const std::vector<Eigen::Vector3f>& points, const Pose& pose) {
+  const Eigen::Matrix3f r = pose.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = pose.translation.cast<float>();
+  std::size_t n = 0;
+  for (const auto& p : points) {
+    const Eigen::Vector3f q = r * p + t;
+    n += q.cwiseAbs().maxCoeff() < 1e5F && from.nearest(q, kSharp) != nullptr;
+  }
+  return static_cast<double>(n);
+}
+
+}  // namespace
+
+Pose submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
+                 const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
+                 const Pose& to_from_middle) {
+  FrontendConfig config;
+  config.mode = "robust";
+  Pose pose[2];
+  const std::size_t half = to.size() / 2, stride = std::max<std::size_t>(1, (half + kSource - 1) / kSource);
+  for (std::size_t k = 0; k < 2; ++k) {
+    std::vector<Eigen::Vector3f> points;
+    for (std::size_t i = k * half; i < (k == 0 ? half : to.size()); i += stride) points.push_back(to[i]);
+    pose[k] = register_clouds(from, points, from_from_to, config, kSigma, kDistance).target_from_source;
+    const bool better = pose[k].is_finite() && agreement(from_cloud, points, pose[k]) >=
+                                                   kBetter * agreement(from_cloud, points, from_from_to);
+    if (!better) pose[k] = from_from_to;
+  }
+  return to_from_middle.inverse() * pose[0].inverse() * pose[1] * to_from_middle;
+}
+
+}  // namespace hp2
