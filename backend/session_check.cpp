@@ -34,6 +34,8 @@ std::string check_session(const std::string& folder, const std::map<std::string,
     throw Error("the session is complete: " + holds + (drive.empty() ? "" : " of " + drive), folder,
                 "A complete session is not added to: choose another folder.");
   }
+  // A run that failed before its first submap ties nobody to its drive.
+  if (store.submap_count() == 0) return "a new session in " + folder;
   for (const char* key : {"drive", "configuration"}) {
     const auto wanted = meta.find(key);
     if (wanted == meta.end() || text(key).empty() || text(key) == wanted->second) continue;

@@ -220,6 +220,13 @@ TEST(SessionCheck, SaysWhatARunMayDoInAFolder) {
     SessionStore store(folder.path());
     store.write_meta({{"drive", "a"}, {"configuration", "x: 1"}});
     Backend backend({}, store);
+    EXPECT_THAT(error_of([&] { check_session(folder.path(), {{"drive", "b"}}); }), HasSubstr("in use"));
+  }
+  EXPECT_THAT(check_session(folder.path(), {{"drive", "b"}}), HasSubstr("new session"))
+      << "nothing is stored yet";
+  {
+    SessionStore store(folder.path());
+    Backend backend({}, store);
     store_all(backend, {chain[0], chain[1]});
   }
   const std::map<std::string, std::string> same{
