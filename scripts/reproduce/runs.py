@@ -96,8 +96,10 @@ class Runner:
                     process.wait()
                 raise
         if status != 0:
-            errors = [w for w in words if "error" in w.lower()] or [w for w in words if w] or ["it said nothing"]
-            raise RunFailed(f"{pathlib.Path(command[0]).name} ended with status {status}: {errors[-1]} (log: {log})")
+            name = pathlib.Path(command[0]).name
+            errors = ([w for w in words if "error" in w.lower()] or [w for w in words if w.startswith(f"{name}:")] or
+                      [w for w in words if w] or ["it said nothing"])
+            raise RunFailed(f"{name} ended with status {status}: {errors[-1]} (log: {log})")
 
     def slam(self, drive):
         """The drive through all four processes; its summary.json, and `folder` where the rest lies."""
