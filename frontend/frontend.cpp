@@ -27,7 +27,7 @@ constexpr std::uint32_t kStateVersion = 1;
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
 // Below this one the state says so.
-constexpr double kDegenerate = 0.02;
+constexpr double kDegenerate = 0.03;
 
 class Clock {
  public:

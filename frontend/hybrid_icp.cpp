@@ -222,24 +222,28 @@ Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) con
 // A plane says nothing of the motion along itself, so where nearly all is planar some direction is left to a
 // few points that alpha has made light: on a bridge, the one along it. There, and only there, the planar
 // correspondences' in-plane residuals are heard as well; elsewhere they would hold the sensor to the pattern
-// of its own scan lines.
-void HybridIcp::support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
-                                        Vector6d& gradient) {
+// of its own scan lines. Returns the
+// smallest eigenvalue as a share of the largest, as it was before.
+double HybridIcp::support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
+                                          Vector6d& gradient) {
   const int count = sums.planar.count + sums.non_planar.count;
-  if (count == 0) return;
+  if (count == 0) return 0.0;
   Vector6d scale;
   scale << 1.0, 1.0, 1.0, 1.0 / lever, 1.0 / lever, 1.0 / lever;
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale.asDiagonal() * information * scale.asDiagonal());
   const double weak = config_.weak_direction_ratio * eigen.eigenvalues()[5];
   // Kept in sight a little longer: the next iteration may find the direction weak again.
   in_plane_needed_ = eigen.eigenvalues()[0] < 2.0 * weak;
-  if (!(eigen.eigenvalues()[0] < weak)) return;
+  const double largest = eigen.eigenvalues()[5];
+  const double ratio = largest > 0.0 ? std::max(0.0, eigen.eigenvalues()[0] / largest) : 0.0;
+  if (!(eigen.eigenvalues()[0] < weak)) return ratio;
   const Vector6d share = (1.0 - eigen.eigenvalues().array() / weak).max(0.0).sqrt();
   const Matrix6d part = scale.cwiseInverse().asDiagonal() * eigen.eigenvectors() * share.asDiagonal() *
                         eigen.eigenvectors().transpose() * scale.asDiagonal();
   const double weight = config_.in_plane_weight * sums.planar.count / count;
   information += weight * (part * sums.planar_points.information() * part.transpose());
   gradient += weight * (part * sums.planar_points.gradient());
+  return ratio;
 }
 
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
@@ -280,8 +284,11 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     Stopwatch watch;
     Vector6d gradient;
     information = balance(sums, gradient);
-    if (config_.mode == IcpMode::kRobust) support_weak_directions(sums, lever, information, gradient);
+    // What is reported is what the scan itself has said, without the support.
     Matrix6d total = information;
+    if (config_.mode == IcpMode::kRobust) {
+      result.min_eigenvalue_ratio = support_weak_directions(sums, lever, total, gradient);
+    }
     if (prior != nullptr && config_.mode == IcpMode::kRobust) {
       const Pose expected(prior->map_from_source.rotation, prior->map_from_source.translation - origin);
       Matrix6d to_source = Matrix6d::Identity();  // increments about the local origin -> about the source's
@@ -294,7 +301,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
       gradient += weight * se3_log(local * expected.inverse());
     }
     const Step step = solve(total, gradient, lever, config_.min_eigenvalue_ratio);
-    result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
+    if (config_.mode != IcpMode::kRobust) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
     local = se3_exp(step.x) * local;
     result.ms_solve += watch.lap();

@@ -122,8 +122,8 @@ class HybridIcp {
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
   void classify(const LocalMap& map, Part& part);
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
-  void support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
-                               Vector6d& gradient);
+  double support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
+                                 Vector6d& gradient);
   Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
 
   IcpConfig config_;
