@@ -26,6 +26,8 @@ constexpr std::uint32_t kStateVersion = 1;
 // Below this ratio of the information's eigenvalues the position along some direction is little more than
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
+// Fewer source points than this share near the map after a gap: the sensor is somewhere else.
+constexpr double kLostInliers = 0.7;
 // Below this one the state says so.
 constexpr double kDegenerate = 0.03;
 
@@ -61,6 +63,16 @@ Matrix6d motion_covariance(const IcpResult& icp, double sigma) {
   return 0.5 * (covariance + covariance.transpose());
 }
 
+// Covariance of a motion that is the prediction alone, over a gap.
+Matrix6d guess_covariance(const Pose& motion) {
+  constexpr double kShare = 0.5, kLeast = 1.0, kRotation = 0.5;  // of the way; [m], [rad]
+  const double deviation = std::max(kLeast, kShare * motion.translation.norm());
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(deviation * deviation);
+  covariance.diagonal().tail<3>().setConstant(kRotation * kRotation);
+  return covariance;
+}
+
 }  // namespace
 
 class Frontend::Impl {
@@ -90,6 +102,8 @@ class Frontend::Impl {
   void deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
                 std::vector<Eigen::Vector3f>& out) const;
   double submap_length_m() const;
+  bool astray(std::int64_t utime, double sigma, IcpResult& icp);
+  void begin_anew();
   IcpResult moving_start(const Scan& scan, double sigma);
   IcpResult settle_start(const Scan& scan, IcpResult icp, double sigma, HybridIcp& aligner);
 
@@ -165,6 +179,29 @@ void Frontend::Impl::deskewed(const PreprocessedScan& cloud, const Vector6d& swe
   parallel_.for_blocks(out.size(), 4096, [&](std::size_t, std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) out[i] = move(cloud.points[i], cloud.time[i]);
   });
+}
+
+// After a gap the prediction may be far off: true if the scan does not lie on the map, neither where it was
+// registered from the prediction nor, should the sensor have stood still meanwhile, from the last pose.
+bool Frontend::Impl::astray(std::int64_t utime, double sigma, IcpResult& icp) {
+  if (!motion_.is_gap(utime) || icp.inlier_ratio >= kLostInliers) return false;
+  const IcpResult still = icp_.align(map_, source_, motion_.last_pose(), sigma, parallel_);
+  if (still.inlier_ratio > icp.inlier_ratio) icp = still;
+  if (icp.inlier_ratio >= kLostInliers) return false;
+  warnings_.push_back(
+      "tracking was lost: " + std::to_string(motion_.interval_us(utime) / 1000) +
+      " ms without a scan, and then nothing fits the map; a new piece of map begins, which the "
+      "back-end joins when a place is seen again");
+  return true;
+}
+
+// The present scan is a first one: of a new local map, at a speed that is not known.
+void Frontend::Impl::begin_anew() {
+  map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
+  scale_ = AdaptiveScale(config_.initial_sigma_m, config_.min_sigma_m, config_.sigma_window);
+  moved_ = false;
+  motion_.restart();
+  first_cloud_ = cloud_;
 }
 
 // The sensor may be at full speed in its first scan, which could not be deskewed, and the second has no
@@ -265,14 +302,20 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
       icp = again;
       icp.iterations += before;
     }
-    pose = icp.map_from_source;
-    motion_.learn(prior, pose, icp.information);
-    seen_range_m_ = icp.mean_range_m;
+    const bool lost = !second && astray(o.utime, sigma, icp);
     o.covariance = motion_covariance(icp, sigma);
+    if (lost) {
+      o.covariance = guess_covariance(motion_.last_pose().inverse() * predicted);
+      begin_anew();
+    } else {
+      pose = icp.map_from_source;
+      motion_.learn(prior, pose, icp.information);
+      seen_range_m_ = icp.mean_range_m;
+    }
     o.n_planar = icp.n_planar;
     o.n_non_planar = icp.n_non_planar;
     if (icp.min_eigenvalue_ratio < kDegenerate) o.state = TrackingState::kDegenerate;
-    if (icp.n_planar + icp.n_non_planar < 10) {
+    if (lost || icp.n_planar + icp.n_non_planar < 10) {
       o.state = TrackingState::kLost;
       pose = predicted;
     }
@@ -284,8 +327,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     o.diagnostics.ms[3] = static_cast<float>(icp.ms_solve);
     const Pose deviation = predicted.inverse() * pose;
     const double error = AdaptiveScale::error_m(deviation, cloud_.max_range_m);
-    moved_ = moved_ || error > config_.min_sigma_m;
-    if (moved_ && !second) scale_.add(error);  // the second scan had no prediction that could err
+    moved_ = moved_ || error > config_.min_sigma_m;     // no error where the pose is the prediction
+    if (moved_ && !second && !lost) scale_.add(error);  // the second scan had no prediction that could err
   } else {
     first_cloud_ = cloud_;
   }

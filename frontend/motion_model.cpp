@@ -32,7 +32,6 @@ constexpr double kMinTranslation = 0.1, kMinRotation = 0.01;  // [m], [rad]
 
 }  // namespace
 
-// Time since the last pose; where the stamps make no sense, as long as the interval before.
 std::int64_t MotionModel::interval_us(std::int64_t utime) const {
   const std::int64_t dt = utime - last_utime_;
   return dt > 0 && dt < kOtherClockUs ? dt : interval_;

@@ -1,6 +1,7 @@
 // Constant-velocity prediction on real time stamps (DESIGN: a dropped scan or an uneven clock must not break
 // it).
 #pragma once
+#include <algorithm>
 #include <cstdint>
 
 #include "common/byte_io.hpp"
@@ -22,8 +23,21 @@ class MotionModel {
   double sweep_share(std::int64_t duration_us, std::int64_t utime) const {
     return static_cast<double>(duration_us) / static_cast<double>(interval_us(utime));
   }
+  /// Time from the last pose to `utime` [us]; where the stamps make no sense, as long as the interval before.
+  std::int64_t interval_us(std::int64_t utime) const;
   /// True if `utime` does not lie after the last pose's.
   bool time_is_broken(std::int64_t utime) const { return has_pose_ && utime <= last_utime_; }
+  /// True if so much time has passed since the last pose that its motion says little of where the sensor is
+  /// at `utime`: more than a second, and than three times the usual interval.
+  bool is_gap(std::int64_t utime) const {
+    constexpr std::int64_t kSecond = 1'000'000;
+    return has_motion_ && interval_us(utime) > std::max(kSecond, 3 * interval_);
+  }
+  /// Forgets the motion and what was learned of it: the next pose is a first one.
+  void restart() {
+    has_pose_ = has_motion_ = false;
+    learned_ = 0;
+  }
   /// The registered pose at `utime` [us].
   void add(const Pose& pose, std::int64_t utime);
 
@@ -41,8 +55,6 @@ class MotionModel {
   void load(ByteReader& in);
 
  private:
-  std::int64_t interval_us(std::int64_t utime) const;
-
   Pose last_;
   Vector6d motion_ = Vector6d::Zero();  // twist over interval_ [us]
   std::int64_t interval_ = 100000;

@@ -135,5 +135,47 @@ TEST(Frontend, DroppedScansAreBridgedByTheClock) {
   }
 }
 
+TEST(Frontend, SaysThatItIsLostAfterAGapAndTracksFromThereOn) {
+  constexpr std::size_t kBefore = 30, kGap = 50, kAfter = 15;
+  const auto source = open_source("synthetic:block");
+  ASSERT_GT(source->size(), kBefore + kGap + kAfter);
+  Frontend frontend{FrontendConfig()};
+  const auto truth = [&](std::size_t i) { return source->ground_truth()[i].pose; };
+  for (std::size_t i = 0; i < kBefore; ++i) {
+    EXPECT_NE(frontend.process(source->read(i)).odometry.state, TrackingState::kLost);
+  }
+  EXPECT_TRUE(frontend.take_warnings().empty());
+  std::size_t last = 0;
+  Pose last_pose;
+  for (std::size_t i = kBefore + kGap; i < kBefore + kGap + kAfter; ++i) {
+    const OdometryResult o = frontend.process(source->read(i)).odometry;
+    if (i == kBefore + kGap) {
+      EXPECT_EQ(o.state, TrackingState::kLost);
+      EXPECT_GE(o.covariance(0, 0), 1.0);
+      const auto warnings = frontend.take_warnings();
+      ASSERT_EQ(warnings.size(), 1U);
+      EXPECT_NE(warnings[0].find("lost"), std::string::npos);
+    } else {
+      EXPECT_NE(o.state, TrackingState::kLost) << "scan " << i;
+      const Pose moved = last_pose.inverse() * o.odom_from_sensor;
+      const Pose off = (truth(last).inverse() * truth(i)).inverse() * moved;
+      EXPECT_LT(off.translation.norm(), 0.15) << "scan " << i;
+    }
+    last = i;
+    last_pose = o.odom_from_sensor;
+  }
+}
+
+TEST(Frontend, AGapWithoutMotionIsNoLoss) {
+  Frontend frontend{FrontendConfig()};
+  for (std::size_t i = 0; i < 20; ++i) frontend.process(tiny_drive().scans[i]);
+  Scan later = tiny_drive().scans[20];
+  later.utime += 6'000'000;
+  const OdometryResult o = frontend.process(later).odometry;
+  EXPECT_NE(o.state, TrackingState::kLost);
+  const Pose off = tiny_drive().truth[20].inverse() * o.odom_from_sensor;
+  EXPECT_LT(off.translation.norm(), 0.3);
+}
+
 }  // namespace
 }  // namespace hp2
