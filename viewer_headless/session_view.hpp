@@ -37,6 +37,8 @@ struct SessionView {
   /// (string), "host" (string), "pid", "peak_memory_mb" (number), "state" (string), "text" (string),
   /// "counters" (object of integers). Anything may be missing.
   nlohmann::ordered_json processes = nlohmann::ordered_json::object();
+  /// Of the program that writes the files [MB]; 0: not known.
+  double viewer_peak_memory_mb = 0.0;
   /// Remarks of the processes on the data ("the scans carry no time in the sweep: no deskew"), in words.
   std::vector<std::string> warnings;
 

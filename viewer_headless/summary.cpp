@@ -90,7 +90,9 @@ Json make_summary(const SessionView& view, const SessionDigest& digest,
     out["accuracy"] = nullptr;
   }
   out["peak_memory_mb"] = of_processes(view.processes, "peak_memory_mb");
-  out["peak_memory_mb"]["hp2_viewer_headless"] = peak_memory_mb();
+  if (view.viewer_peak_memory_mb > 0.0) {
+    out["peak_memory_mb"]["hp2_viewer_headless"] = view.viewer_peak_memory_mb;
+  }
   out["versions"] = of_processes(view.processes, "version");
   out["versions"]["hp2_viewer_headless"] = version();
   out["counters"] = of_processes(view.processes, "counters");

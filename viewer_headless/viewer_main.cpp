@@ -39,6 +39,7 @@ int write_offline(const std::string& folder, const hp2::ViewerProcessOptions& op
     }
   }
   for (const auto& [key, text] : options.meta) view.meta[key] = text;
+  view.viewer_peak_memory_mb = hp2::peak_memory_mb();
   for (const auto& name : hp2::write_session(view, options.out_folder, config)) std::puts(name.c_str());
   return 0;
 }

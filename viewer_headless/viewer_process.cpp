@@ -6,6 +6,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "common/program.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/peer_summary.hpp"
 
@@ -104,6 +105,7 @@ SessionView ViewerProcess::view() {
   v.ground_truth = ground_truth_by_sequence(options_.ground_truth, state_.trajectory);
   v.meta = options_.meta;
   v.processes = peers_as_json(presence_);
+  v.viewer_peak_memory_mb = peak_memory_mb();
   v.warnings = presence_.warnings();
   for (const auto& [id, peer] : presence_.peers()) {
     if (peer.status.process != "hp2_player" || peer.status.session_id != endpoint_.session_id()) continue;
