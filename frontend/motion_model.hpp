@@ -1,7 +1,6 @@
 // Constant-velocity prediction on real time stamps (DESIGN: a dropped scan or an uneven clock must not break
 // it).
 #pragma once
-#include <algorithm>
 #include <cstdint>
 
 #include "common/byte_io.hpp"
@@ -31,7 +30,8 @@ class MotionModel {
   /// at `utime`: more than a second, and than three times the usual interval.
   bool is_gap(std::int64_t utime) const {
     constexpr std::int64_t kSecond = 1'000'000;
-    return has_motion_ && interval_us(utime) > std::max(kSecond, 3 * interval_);
+    const std::int64_t dt = interval_us(utime);
+    return has_motion_ && dt > kSecond && dt / 3 > interval_;  // no product: a damaged state's may overflow
   }
   /// Forgets the motion and what was learned of it: the next pose is a first one.
   void restart() {
