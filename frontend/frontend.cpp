@@ -22,7 +22,7 @@
 namespace hp2 {
 namespace {
 
-constexpr std::uint32_t kStateVersion = 1;
+constexpr std::uint32_t kStateVersion = 2;
 // Below this ratio of the information's eigenvalues the position along some direction is little more than
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
@@ -374,6 +374,11 @@ std::vector<std::uint8_t> Frontend::Impl::save_state() const {
   scale_.save(out);
   builder_.save(out);
   map_.save(out);
+  // Not empty where a submap ended with the scan that tracking was lost at.
+  out.put(static_cast<std::uint64_t>(first_cloud_.points.size()));
+  out.put(static_cast<std::uint8_t>(!first_cloud_.time.empty()));
+  for (const auto& p : first_cloud_.points) out.put(p);
+  for (const float t : first_cloud_.time) out.put(t);
   return bytes;
 }
 
@@ -394,6 +399,19 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
   scale_.load(in);
   builder_.load(in);
   map_.load(in);
+  const auto first_points = in.take<std::uint64_t>();
+  const bool first_times = in.take<std::uint8_t>() != 0;
+  first_cloud_ = PreprocessedScan();
+  if (first_points > in.left() / sizeof(Eigen::Vector3f)) in.fail("points of a first scan");
+  for (std::uint64_t i = 0; i < first_points; ++i) {
+    first_cloud_.points.push_back(in.take<Eigen::Vector3f>());
+    if (!first_cloud_.points.back().allFinite()) in.fail("points of a first scan");
+  }
+  for (std::uint64_t i = 0; first_times && i < first_points; ++i) {
+    const auto t = in.take<float>();
+    if (!(t >= -0.01F && t <= 1.01F)) in.fail("times of a first scan");
+    first_cloud_.time.push_back(t);
+  }
   if (in.left() != 0) in.fail("bytes are left over at its end");
 }
 
