@@ -6,8 +6,6 @@
 #include <string>
 #include <utility>
 
-#include <Eigen/LU>
-
 #include "common/byte_io.hpp"
 #include "common/error.hpp"
 #include "frontend/adaptive_scale.hpp"
@@ -15,6 +13,7 @@
 #include "frontend/hybrid_icp.hpp"
 #include "frontend/local_map.hpp"
 #include "frontend/motion_model.hpp"
+#include "frontend/odometry_covariance.hpp"
 #include "frontend/parallel.hpp"
 #include "frontend/preprocess.hpp"
 #include "frontend/submap_builder.hpp"
@@ -43,35 +42,6 @@ class Clock {
  private:
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
-
-// Covariance of the motion since the last scan in this scan's sensor frame, from the scan's information. The
-// robust weights make the sums speak as if a residual's deviation were sigma; kNoise is what it is worth when
-// the correlation between neighbouring points is counted in (found on simulated drives: mean normalised error
-// squared).
-Matrix6d motion_covariance(const IcpResult& icp, double sigma) {
-  constexpr double kNoise = 0.25;                            // [m]
-  constexpr double kFloor = 0.003, kFloorRotation = 0.0003;  // [m], [rad]: of a map that is itself not exact
-  const Matrix6d about_source =
-      (icp.information + 1e-9 * Matrix6d::Identity()).inverse() * (kNoise * kNoise / (sigma * sigma));
-  // Map axes to sensor axes; the last pose's own rotation changes nothing in what the increment is.
-  const Eigen::Matrix3d r = icp.map_from_source.rotation.toRotationMatrix().transpose();
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = r;
-  Matrix6d covariance = turn * about_source * turn.transpose();
-  covariance.diagonal().head<3>().array() += kFloor * kFloor;
-  covariance.diagonal().tail<3>().array() += kFloorRotation * kFloorRotation;
-  return 0.5 * (covariance + covariance.transpose());
-}
-
-// Covariance of a motion that is the prediction alone, over a gap.
-Matrix6d guess_covariance(const Pose& motion) {
-  constexpr double kShare = 0.5, kLeast = 1.0, kRotation = 0.5;  // of the way; [m], [rad]
-  const double deviation = std::max(kLeast, kShare * motion.translation.norm());
-  Matrix6d covariance = Matrix6d::Zero();
-  covariance.diagonal().head<3>().setConstant(deviation * deviation);
-  covariance.diagonal().tail<3>().setConstant(kRotation * kRotation);
-  return covariance;
-}
 
 }  // namespace
 
