@@ -6,6 +6,14 @@
 #include "frontend/local_map.hpp"
 
 namespace hp2 {
+namespace {
+
+// Scans before a loss that are worth a submap of their own. Where tracking comes and goes from scan to scan
+// there would be one a scan otherwise.
+constexpr std::size_t kWorthASubmap = 10;
+
+}  // namespace
+
 SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
 
 std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& points,
@@ -13,7 +21,10 @@ std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& poi
                                          std::int64_t skipped_before, double length_m) {
   scan.submap_from_sensor = submap_.odom_from_submap.inverse() * odom_from_sensor;
   const bool first_of_session = submap_.id == 0 && submap_.scans.empty();
-  if (!first_of_session) {
+  const bool lost_here = scan.state == TrackingState::kLost &&
+                         (submap_.scans.empty() || submap_.scans.back().state != TrackingState::kLost);
+  // The way to a scan that tracking was lost at is a guess, and nothing that the submap has seen.
+  if (!first_of_session && !lost_here) {
     submap_.travelled_m += (odom_from_sensor.translation - last_odom_from_sensor_.translation).norm();
   }
   last_odom_from_sensor_ = odom_from_sensor;
@@ -31,7 +42,8 @@ std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& poi
     submap_.scan_indices.push_back(index);
   }
   submap_.scans.push_back(scan);
-  if (submap_.travelled_m < length_m) return std::nullopt;
+  const bool cut_at_loss = lost_here && submap_.scans.size() > kWorthASubmap;
+  if (submap_.travelled_m < length_m && !cut_at_loss) return std::nullopt;
   return cut();
 }
 

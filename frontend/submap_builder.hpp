@@ -25,7 +25,9 @@ class SubmapBuilder {
   bool empty() const { return submap_.scans.empty(); }
   ScanPose& last_scan() { return submap_.scans.back(); }
 
-  /// Adds a registered scan.
+  /// Adds a registered scan. A submap ends at its length, and at a scan that tracking was lost at: what comes
+  /// after it does not fit what was seen before, so that scan's pose is the next keypose. (Where hardly
+  /// anything was seen before, the back-end keeps the sides apart; pieces.hpp.)
   /// @param points [m], sensor frame, deskewed
   /// @param scan   its submap_from_sensor is filled in here
   /// @param length_m the submap ends once so much was travelled in it (beta)

@@ -1,6 +1,5 @@
 #include "drive_submaps.hpp"
 
-#include <memory>
 #include <utility>
 
 #include "frontend/frontend.hpp"
@@ -13,24 +12,9 @@ void register_drive(const ScanSource& source, double submap_length_m, const std:
   FrontendConfig config;
   config.submap_length_m = submap_length_m;
   config.mode = mode;
-  auto frontend = std::make_unique<Frontend>(config, 1);
-  std::int64_t ids = 0;
-  Pose odom_from_piece, odom_from_sensor, previous;
-  bool lost = false;
+  Frontend frontend(config, 1);
   const auto keep = [&](Submap m, bool last) {
     estimate_normals(m);
-    Pose moved;  // of the first submap after the gap: its keypose is the last pose before it
-    const Pose old_keypose = odom_from_piece * m.odom_from_submap;
-    if (lost) {
-      m.scans.front().state = TrackingState::kLost;
-      moved = odom_from_sensor.inverse() * old_keypose;
-      for (auto& p : m.points) p = (moved * p.cast<double>()).cast<float>();
-      for (auto& n : m.normals) n = (moved.rotation * n.cast<double>()).cast<float>();
-      for (auto& s : m.scans) s.submap_from_sensor = moved * s.submap_from_sensor;
-      lost = false;
-    }
-    m.odom_from_submap = old_keypose * moved.inverse();
-    m.id = ids++;
     const std::vector<std::uint8_t> no_state;
     SessionChange change;
     change.submap = &m;
@@ -39,22 +23,11 @@ void register_drive(const ScanSource& source, double submap_length_m, const std:
     store.commit(change);
   };
   for (std::size_t i = 0; i < source.size(); ++i) {
-    if (gap.count > 0 && i == gap.first) {
-      if (auto rest = frontend->finish()) keep(std::move(*rest), false);
-      frontend = std::make_unique<Frontend>(config, 1);
-      const Vector6d step = se3_log(previous.inverse() * odom_from_sensor);
-      odom_from_piece = odom_from_sensor * se3_exp(static_cast<double>(gap.count + 1) * step);
-      i += gap.count;
-      lost = true;
-      if (i >= source.size()) break;
-    }
-    auto out = frontend->process(source.read(i));
+    if (i >= gap.first && i - gap.first < gap.count) continue;
+    auto out = frontend.process(source.read(i));
     if (out.finished_submap) keep(std::move(*out.finished_submap), false);
-    if (lost) continue;  // the last pose before the gap is still needed
-    previous = odom_from_sensor;
-    odom_from_sensor = odom_from_piece * out.odometry.odom_from_sensor;
   }
-  if (auto rest = frontend->finish()) keep(std::move(*rest), true);
+  if (auto rest = frontend.finish()) keep(std::move(*rest), true);
 }
 
 Submap with_drift(Submap m, double scale, double yaw_per_m, const Pose& odom_from_submap) {

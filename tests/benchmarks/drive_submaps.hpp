@@ -13,8 +13,8 @@ struct Gap {
   std::size_t first = 0, count = 0;
 };
 
-/// Runs the front-end over the drive and stores its submaps without closing loops. After a gap a new
-/// front-end goes on: its first scan is lost, where it is but guessed at from the motion before.
+/// Runs the front-end over the drive, without the scans of the gap, and stores its submaps without closing
+/// loops.
 void register_drive(const ScanSource& source, double submap_length_m, const std::string& mode, const Gap& gap,
                     SessionStore& store);
 

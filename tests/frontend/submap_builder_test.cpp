@@ -119,6 +119,54 @@ TEST(SubmapBuilder, StandingStillIsOneSubmap) {
   EXPECT_EQ(m->travelled_m, 0.0);
 }
 
+// Scans 0.4 m apart; at those in `lost` tracking is lost, and the guess leads 40 m on.
+std::vector<Submap> drive_with_losses(const std::set<int>& lost, int n = 60) {
+  SubmapBuilder builder(kVoxel);
+  std::vector<Submap> submaps;
+  Pose pose;
+  for (int i = 0; i < n; ++i) {
+    ScanPose scan;
+    scan.sequence = i;
+    scan.state = lost.count(i) > 0 ? TrackingState::kLost : TrackingState::kTracking;
+    const bool jump = lost.count(i) > 0 && lost.count(i - 1) == 0;
+    pose = pose * Pose({1, 0, 0, 0}, {jump ? 40.0 : 0.4, 0, 0});
+    auto done = builder.add({{1.0F, 2.0F, 3.0F}}, pose, scan, 0, kLength);
+    if (done) submaps.push_back(std::move(*done));
+  }
+  if (auto done = builder.finish()) submaps.push_back(std::move(*done));
+  return submaps;
+}
+
+TEST(SubmapBuilder, EndsWhereTrackingIsLostAndTheJumpIsNoWay) {
+  // Without a loss a submap has 13 scans; the second one loses tracking in its eleventh.
+  const auto submaps = drive_with_losses({24});
+  ASSERT_GE(submaps.size(), 5U);
+  EXPECT_EQ(submaps[0].scans.back().sequence, 13);  // the session's first scan led nowhere
+  EXPECT_EQ(submaps[1].scans.back().sequence, 24);  // at the loss, which is the next keypose
+  EXPECT_LT(submaps[1].travelled_m, kLength);
+  EXPECT_EQ(submaps[2].scans.front().sequence, 25);
+  EXPECT_LT((submaps[2].odom_from_submap.translation -
+             (submaps[1].odom_from_submap * submaps[1].scans.back().submap_from_sensor).translation)
+                .norm(),
+            1e-9);
+  EXPECT_GE(submaps[2].travelled_m, kLength);  // a whole one: the jump was not counted for it either
+  for (const Submap& m : submaps) EXPECT_LT(m.travelled_m, kLength + 0.5);
+}
+
+TEST(SubmapBuilder, ALossRightAfterACutMakesNoSubmapOfOneScan) {
+  auto submaps = drive_with_losses({14, 28});
+  submaps.pop_back();  // ends with the drive
+  EXPECT_GE(submaps.size(), 3U);
+  for (const Submap& m : submaps) EXPECT_GE(m.scans.size(), 13U);
+  // Nor does tracking that comes and goes.
+  std::set<int> every_other;
+  for (int i = 1; i < 200; i += 2) every_other.insert(i);
+  submaps = drive_with_losses(every_other, 200);
+  submaps.pop_back();
+  EXPECT_GE(submaps.size(), 10U);
+  for (const Submap& m : submaps) EXPECT_GE(m.scans.size(), 10U);
+}
+
 TEST(EstimateNormals, OfAFloorAndOfScatter) {
   Submap m;
   Dice dice(2);
