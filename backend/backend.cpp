@@ -6,6 +6,7 @@
 
 #include "backend/loop_candidates.hpp"
 #include "backend/loop_closer.hpp"
+#include "backend/motion_smoothing.hpp"
 #include "backend/pieces.hpp"
 #include "backend/pose_graph.hpp"
 #include "backend/scan_refinement.hpp"
@@ -88,7 +89,9 @@ class Backend::Impl {
       }
       set_map_from_odom(submap.odom_from_submap, next);
       // The submap before ended freely until now; its last scan is this one's keypose.
-      rebuild_trajectory(update.graph_changed ? 0 : std::max<std::int64_t>(submap.id - 1, 0), &submap, next);
+      // A session that had ended goes on: its scans are as they were before they were smoothed.
+      rebuild_trajectory(update.graph_changed || graph_.ended ? 0 : std::max<std::int64_t>(submap.id - 1, 0),
+                         &submap, next);
       append_trajectory(submap, nullptr, next.map_from_submap, next.trajectory);
       store_.commit(change);
     } catch (...) {
@@ -118,6 +121,9 @@ class Backend::Impl {
       set_map_from_odom(submaps_.back().odom_from_submap, next);
       rebuild_trajectory(0, nullptr, next);
     }
+    // Whoever reads the session derives the same trajectory; until the session has ended this says nothing.
+    store_.write_meta({{kScansSmoothed, config_.smooth_scans ? "yes" : "no"}});
+    if (config_.smooth_scans) smooth_trajectory(submaps_, next.trajectory);
     store_.commit(change);
     adopt(std::move(next), change.changed_closures, update);
     update.ms_total = ms_since(start);

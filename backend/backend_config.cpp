@@ -28,6 +28,8 @@ ConfigSection backend_section(BackendConfig& c) {
   s.add("max_drift", c.max_drift, "odometry drift beyond which a closure is not believed, share of the path",
         0.001, 10.0);
   s.add("graph_candidates", c.graph_candidates, "also try pairs that the graph says overlap");
+  s.add("smooth_scans", c.smooth_scans,
+        "at the end of a session, move every scan's pose to where a sensor with inertia was likeliest");
   return s;
 }
 

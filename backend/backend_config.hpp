@@ -22,6 +22,8 @@ struct BackendConfig {
   double min_overlap = 0.4;    ///< Smallest overlap of the submaps' 0.5 m voxels after the 3D registration.
   int candidates_per_submap = 4;  ///< Most candidates a submap that are verified in 3D.
   double max_drift = 0.05;  ///< Odometry drift beyond which a closure is not believed, share of the path.
+  bool smooth_scans =
+      true;  ///< At the end of a session, weigh the scans' noise against the sensor's inertia.
   bool graph_candidates =
       true;  ///< Propose pairs that the graph says overlap, not only those that look alike.
 };

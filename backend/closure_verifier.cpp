@@ -7,17 +7,11 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "backend/ambiguity.hpp"
 #include "backend/submap_bend.hpp"
-#include "frontend/registration.hpp"
-#include "frontend/submap_builder.hpp"
 
 namespace hp2 {
 namespace {
-
-// The registration is coarse first (its reach is a voxel), then fine.
-constexpr double kCoarseVoxel = 2.0, kCoarseSigma = 1.0;  // [m]
-constexpr double kFineSigma = 0.4, kFineDistance = 0.6;   // [m]
-constexpr std::size_t kCoarseSource = 2000, kFineSource = 4000;
 
 constexpr double kMaxResidual = 0.25;     // [m], RMS
 constexpr int kMinStructure = 150;        // voxels above the ground in common
@@ -27,28 +21,15 @@ constexpr double kMinConstraint = 0.015;
 constexpr double kNonPlanarWeight = 0.15;  // a bush fixes a position less well than a wall
 // A shifted pose that explains this share of what the best one explains makes the place ambiguous.
 constexpr double kAmbiguous = 0.85;
-constexpr double kShiftFrom = 2.0, kShiftTo = 16.0, kShiftStep = 1.5;  // [m]
-constexpr double kShiftAngles = 12;
-constexpr std::size_t kShiftSample = 600, kOverlapSample = 6000;
-constexpr double kSamePlace =
-    0.7;  // [m]: a shifted registration that comes back to within this confirms the pose
-constexpr float kSharp = 0.2F;  // [m]: what counts as the same surface where two poses are compared
 // What a closure is never better than: the submaps are bent by as much themselves.
 constexpr double kTranslationFloor = 0.04;  // [m]
 constexpr double kRotationFloor = 0.002;    // [rad]
 constexpr double kMaxBend_m = 1.0, kMaxBend_rad = 0.07;
+// Where the two have less than this share of a half's points in common, what is true of that end need not be
+// true of the submap as a whole, and whether it is bent does not show.
+constexpr double kGlimpse = 0.1;
+constexpr std::size_t kOverlapSample = 6000;  // voxels
 constexpr double kSurfaceNoise = 0.5;  // [m] a voxel: 0.1 m, and neighbours are no independent witnesses
-
-std::vector<Eigen::Vector3f> every_nth(const std::vector<Eigen::Vector3f>& points, std::size_t most) {
-  const std::size_t stride = std::max<std::size_t>(1, (points.size() + most - 1) / most);
-  std::vector<Eigen::Vector3f> out;
-  for (std::size_t i = 0; i < points.size(); i += stride) out.push_back(points[i]);
-  return out;
-}
-
-int stride_for(const CheckedSubmap& submap, std::size_t sample) {
-  return static_cast<int>(1 + submap.cloud.voxels().size() / sample);
-}
 
 std::string text(const char* format, double a, double b) {
   char buffer[160];
@@ -110,83 +91,7 @@ Matrix6d with_floor(const Matrix6d& information, const Matrix6d& extra) {
   return 0.5 * (floored + floored.transpose());
 }
 
-FrontendConfig fine_config() {
-  FrontendConfig fine;
-  fine.mode = "robust";
-  return fine;
-}
-
-Pose register_fine(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess) {
-  return register_clouds(from.points, every_nth(to.points, kFineSource), guess, fine_config(), kFineSigma,
-                         kFineDistance)
-      .target_from_source;
-}
-
-// Share of the best pose's agreement that another pose within `reach_m` reaches. Most shifted poses explain
-// far less and are done with at a glance; one that does not (along a corridor) is registered itself: if it
-// slides back to the best pose, there is but one.
-double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to,
-                 double reach_m) {
-  const int stride = stride_for(to, kShiftSample);
-  const Overlap here = overlap_of(to.cloud, from.cloud, from_from_to, stride, 0.3F);
-  if (here.structure == 0) return 1.0;
-  double best = 0.0;
-  Pose best_pose = from_from_to;
-  const Eigen::Quaterniond up = from.ground.ground_from_submap.rotation.conjugate();
-  for (double d = kShiftFrom; d <= std::min(kShiftTo, reach_m); d += kShiftStep) {
-    for (int k = 0; k < kShiftAngles; ++k) {
-      const double angle = k * 2.0 * M_PI / kShiftAngles;
-      Pose shifted = from_from_to;
-      shifted.translation += up * Eigen::Vector3d(d * std::cos(angle), d * std::sin(angle), 0.0);
-      const Overlap there = overlap_of(to.cloud, from.cloud, shifted, stride, 0.3F);
-      // A shift that brings hardly anything together says nothing.
-      if (2 * there.structure < here.structure || there.share <= best) continue;
-      best = there.share;
-      best_pose = shifted;
-    }
-  }
-  const double share = best / std::max(here.share, 1e-9);
-  if (share <= kAmbiguous) return share;
-  const Pose again = register_fine(from, to, best_pose);
-  if ((again.translation - from_from_to.translation).norm() < kSamePlace) return 0.0;
-  const int fine_stride = stride_for(to, kOverlapSample);
-  const Overlap other = overlap_of(to.cloud, from.cloud, again, fine_stride, kSharp);
-  const Overlap first = overlap_of(to.cloud, from.cloud, from_from_to, fine_stride, kSharp);
-  return other.share / std::max(first.share, 1e-9);
-}
-
 }  // namespace
-
-// Another front-end may send no normals. Stored ones are of unit length to 1/127 only.
-namespace {
-std::vector<Eigen::Vector3f> normals_of(const Submap& submap) {
-  if (submap.normals.size() == submap.points.size()) {
-    auto normals = submap.normals;
-    for (auto& normal : normals) {
-      if (normal.squaredNorm() > 0.0F) normal.normalize();
-    }
-    return normals;
-  }
-  Submap copy;
-  copy.points = submap.points;
-  estimate_normals(copy);
-  return copy.normals;
-}
-}  // namespace
-
-CheckedSubmap::CheckedSubmap(const Submap& submap, const GroundAlignment& ground_alignment)
-    : id(submap.id),
-      ground(ground_alignment),
-      points(submap.points),
-      cloud(submap.points, normals_of(submap), ground_alignment.ground_from_submap) {
-  // After a loss of tracking the sensor never was at the keypose.
-  const bool lost = !submap.scans.empty() && submap.scans.front().state == TrackingState::kLost;
-  path.emplace_back(lost ? submap.scans.front().submap_from_sensor.translation : Eigen::Vector3d::Zero());
-  for (const ScanPose& s : submap.scans) {
-    if ((s.submap_from_sensor.translation - path.back()).norm() > 0.5)
-      path.push_back(s.submap_from_sensor.translation);
-  }
-}
 
 double path_distance(const std::vector<Eigen::Vector3d>& from_path,
                      const std::vector<Eigen::Vector3d>& to_path, const Pose& from_from_to) {
@@ -200,7 +105,7 @@ double path_distance(const std::vector<Eigen::Vector3d>& from_path,
 
 ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess,
                              const PoseBound& bound, double max_path_distance_m, double guess_m,
-                             double guess_rad, const BackendConfig& config) {
+                             double guess_rad, bool needed, const BackendConfig& config) {
   ClosureRecord c;
   c.from_submap = from.id;
   c.to_submap = to.id;
@@ -210,20 +115,9 @@ ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to,
     return c;
   };
 
-  FrontendConfig coarse;
-  coarse.mode = "robust";
-  coarse.voxel_size_m = kCoarseVoxel;
-  coarse.max_points_per_voxel = 8;
-  coarse.min_spacing_m = 0.6;
-  const RegistrationResult first = register_clouds(from.points, every_nth(to.points, kCoarseSource), guess,
-                                                   coarse, kCoarseSigma, kCoarseSigma);
-  FrontendConfig fine;
-  fine.mode = "robust";
-  const RegistrationResult result =
-      register_clouds(from.points, every_nth(to.points, kFineSource), first.target_from_source, fine,
-                      kFineSigma, kFineDistance);
-  if (!result.target_from_source.is_finite()) return refused("the registration failed");
-  c.from_from_to = result.target_from_source;
+  const Pose registered = register_fine(from, to, register_coarse(from, to, guess));
+  if (!registered.is_finite()) return refused("the registration failed");
+  c.from_from_to = registered;
 
   const int stride = stride_for(to, kOverlapSample), back_stride = stride_for(from, kOverlapSample);
   Overlap forth = overlap_of(to.cloud, from.cloud, c.from_from_to, stride);
@@ -274,19 +168,37 @@ ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to,
     return refused(text("one direction is not fixed by what both saw: %.4f, below %.4f", constraint.weakest,
                         kMinConstraint));
   }
-  const double repeated = ambiguity(from, to, c.from_from_to, bound.translation_m);
+  const double repeated = ambiguity(from, to, c.from_from_to, bound);
   if (repeated > kAmbiguous) {
     return refused(
         text("repeated structure: a shifted pose explains %.2f of it, above %.2f", repeated, kAmbiguous));
   }
+  // A pose is right for a submap as a whole only if the submap is not bent: neither of the two may be.
   const Pose middle({1, 0, 0, 0}, to.path[to.path.size() / 2]);
-  const Pose bent = submap_bend(from.points, from.cloud, to.points, c.from_from_to, middle);
-  const double bent_m = bent.translation.norm(), bent_rad = rotation_angle(bent.rotation);
-  if (!(bent_m < kMaxBend_m) || !(bent_rad < kMaxBend_rad)) {
-    return refused(text("the newer submap is bent by %.1f m, %.1f degrees", bent_m, bent_rad * 180.0 / M_PI));
+  const Pose from_middle({1, 0, 0, 0}, from.path[from.path.size() / 2]);
+  const SubmapBend newer = submap_bend(from.points, from.cloud, to.points, c.from_from_to, middle);
+  const SubmapBend older =
+      submap_bend(to.points, to.cloud, from.points, newer.from_from_to.inverse(), from_middle);
+  const auto bend_m = [](const SubmapBend& s) { return s.bend.translation.norm(); };
+  const auto bend_rad = [](const SubmapBend& s) { return rotation_angle(s.bend.rotation); };
+  for (const SubmapBend* s : {&newer, &older}) {
+    if (bend_m(*s) < kMaxBend_m && bend_rad(*s) < kMaxBend_rad) continue;
+    return refused(text(s == &newer ? "the newer submap is bent by %.1f m, %.1f degrees"
+                                    : "the older submap is bent by %.1f m, %.1f degrees",
+                        bend_m(*s), bend_rad(*s) * 180.0 / M_PI));
+  }
+  c.from_from_to = older.from_from_to.inverse();
+  double half_m = 0.5 * std::hypot(bend_m(newer), bend_m(older));
+  double half_rad = 0.5 * std::hypot(bend_rad(newer), bend_rad(older));
+  if (std::max(newer.seen, older.seen) < kGlimpse) {
+    if (!needed)
+      return refused(text("only a glimpse of it is in view (%.2f of the points, %.2f would do)",
+                          std::max(newer.seen, older.seen), kGlimpse));
+    half_m = std::max(half_m, 0.5 * kMaxBend_m);
+    half_rad = std::max(half_rad, 0.5 * kMaxBend_rad);
   }
   Vector6d half;
-  half << Eigen::Vector3d::Constant(0.5 * bent_m), Eigen::Vector3d::Constant(0.5 * bent_rad);
+  half << Eigen::Vector3d::Constant(half_m), Eigen::Vector3d::Constant(half_rad);
   const Matrix6d about_middle = half.cwiseAbs2().asDiagonal();
   const Matrix6d move = adjoint(middle);
   c.accepted = true;

@@ -115,7 +115,7 @@ bool LoopCloser::check(std::int64_t to, const Candidate& candidate, const PlaceI
     --budget;
     record = verify_closure(*load(candidate.from, index), *load(to, index), candidate.guess, bound,
                             candidate.max_path_distance_m, alike ? kAlikeReach_m : kNearReach_m, kReach_rad,
-                            config_);
+                            closures_of(graph.closures, to) == 0, config_);
   }
   record.inliers = candidate.inliers;
   changed.push_back(graph.closures.size());

@@ -5,6 +5,7 @@
 #include <random>
 #include <utility>
 
+#include "backend/motion_smoothing.hpp"
 #include "backend/scan_refinement.hpp"
 #include "backend/session_lock.hpp"
 #include "backend/sqlite.hpp"
@@ -258,6 +259,11 @@ GraphState SessionStore::read_graph() const {
     if (k > 0) append_trajectory(chain[k - 1], &chain[k], g.map_from_submap, g.trajectory);
   }
   if (!chain.empty()) append_trajectory(chain.back(), nullptr, g.map_from_submap, g.trajectory);
+  if (g.ended) {
+    const auto meta = read_meta();
+    const auto smoothed = meta.find(kScansSmoothed);
+    if (smoothed != meta.end() && smoothed->second == "yes") smooth_trajectory(chain, g.trajectory);
+  }
   return g;
 }
 

@@ -24,6 +24,9 @@ struct SessionChange {
   std::vector<std::size_t> changed_closures;  ///< Indices into graph->closures to write.
 };
 
+/// Name of the text in write_meta() that says "yes" if the scans of an ended session are smoothed.
+inline constexpr const char* kScansSmoothed = "scans_smoothed";
+
 /// A session folder: `session.sqlite` in it. Everything that the viewer needs offline can be read from it.
 /// Not thread-safe; any number of readers in other processes may read at the same time.
 class SessionStore {

@@ -11,8 +11,11 @@ namespace {
 constexpr double kSigma = 0.4, kDistance = 0.6;  // [m], as the whole is registered
 constexpr std::size_t kSource = 2000;            // points of a half
 constexpr float kSharp = 0.2F;                   // [m]: what counts as the same surface
+constexpr double kInView =
+    0.1;  // share of a half's points: where fewer lie on what the other one saw, it is out of view
 constexpr double kBetter = 1.1;  // a half's own pose must explain so many times what the whole's does
 
+// Share of the points that the other submap has there too.
 double agreement(const VoxelCloud& from, const std::vector<Eigen::Vector3f>& points, const Pose& pose) {
   const Eigen::Matrix3f r = pose.rotation.toRotationMatrix().cast<float>();
   const Eigen::Vector3f t = pose.translation.cast<float>();
@@ -21,27 +24,31 @@ double agreement(const VoxelCloud& from, const std::vector<Eigen::Vector3f>& poi
     const Eigen::Vector3f q = r * p + t;
     n += q.cwiseAbs().maxCoeff() < 1e5F && from.nearest(q, kSharp) != nullptr;
   }
-  return static_cast<double>(n);
+  return static_cast<double>(n) / static_cast<double>(std::max<std::size_t>(1, points.size()));
 }
 
 }  // namespace
 
-Pose submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
-                 const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
-                 const Pose& to_from_middle) {
+SubmapBend submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
+                       const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
+                       const Pose& to_from_middle) {
   FrontendConfig config;
   config.mode = "robust";
   Pose pose[2];
+  double seen = 0.0;
   const std::size_t half = to.size() / 2, stride = std::max<std::size_t>(1, (half + kSource - 1) / kSource);
   for (std::size_t k = 0; k < 2; ++k) {
     std::vector<Eigen::Vector3f> points;
     for (std::size_t i = k * half; i < (k == 0 ? half : to.size()); i += stride) points.push_back(to[i]);
     pose[k] = register_clouds(from, points, from_from_to, config, kSigma, kDistance).target_from_source;
-    const bool better = pose[k].is_finite() && agreement(from_cloud, points, pose[k]) >=
-                                                   kBetter * agreement(from_cloud, points, from_from_to);
-    if (!better) pose[k] = from_from_to;
+    const double whole = agreement(from_cloud, points, from_from_to);
+    const double own = pose[k].is_finite() ? agreement(from_cloud, points, pose[k]) : 0.0;
+    seen = std::max({seen, whole, own});
+    if (own < kInView || own < kBetter * whole) pose[k] = from_from_to;
   }
-  return to_from_middle.inverse() * pose[0].inverse() * pose[1] * to_from_middle;
+  return {to_from_middle.inverse() * pose[0].inverse() * pose[1] * to_from_middle,
+          interpolate(pose[0] * to_from_middle, pose[1] * to_from_middle, 0.5) * to_from_middle.inverse(),
+          seen};
 }
 
 }  // namespace hp2

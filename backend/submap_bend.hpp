@@ -14,11 +14,15 @@ namespace hp2 {
 /// @param to                points of the submap [m], in order of the scans that saw them
 /// @param from_from_to      where the whole of it was registered
 /// @param to_from_middle    where the bend is to be told: the middle of the submap's path
-/// @return pose of the second half as the first one sees it; identity where a pose of its own explains
-/// neither
-///         half better (it may not be in view)
-Pose submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
-                 const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
-                 const Pose& to_from_middle);
+struct SubmapBend {
+  Pose bend;          ///< Pose of the second half as the first one sees it; identity where a pose of its own
+                      ///< explains neither half better (it may not be in view).
+  Pose from_from_to;  ///< Half way between the halves' poses: what is true of the submap as a whole.
+  double seen =
+      0.0;  ///< Share of the points of the half that agrees better that the other submap has there too.
+};
+SubmapBend submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
+                       const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
+                       const Pose& to_from_middle);
 
 }  // namespace hp2

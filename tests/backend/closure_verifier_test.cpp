@@ -1,11 +1,13 @@
 #include "backend/closure_verifier.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "backend/ambiguity.hpp"
 #include "backend_fixtures.hpp"
 
 namespace hp2 {
@@ -32,7 +34,7 @@ CheckedSubmap checked(std::int64_t id, std::vector<Eigen::Vector3f> points, cons
 
 ClosureRecord verify(const CheckedSubmap& a, const CheckedSubmap& b, const Pose& guess, const Pose& predicted,
                      double bound_m) {
-  return verify_closure(a, b, guess, {predicted, bound_m, 0.4}, 25.0, 5.0, 0.26, {});
+  return verify_closure(a, b, guess, {predicted, bound_m, 0.4}, 25.0, 5.0, 0.26, true, {});
 }
 
 // Ground and two walls; with `spacing` pillars stand along them at that distance from one another.
@@ -80,6 +82,43 @@ TEST(ClosureVerifier, AcceptsAPlaceSeenAgainInTheOppositeDirection) {
   EXPECT_LT(std::sqrt(covariance.diagonal().head<3>().maxCoeff()), 0.3);
 }
 
+// The scene seen from `submap_from_scene` by an odometry that erred half way: what lies ahead is off by
+// `bend`.
+std::vector<Eigen::Vector3f> bent_scene(unsigned seed, const Pose& bend) {
+  auto points = street_scene(seed, 0.02, kHere);
+  std::sort(points.begin(), points.end(), [](const auto& a, const auto& b) { return a.x() < b.x(); });
+  for (std::size_t i = points.size() / 2; i < points.size(); ++i) {
+    points[i] = (bend * points[i].cast<double>()).cast<float>();
+  }
+  return points;
+}
+
+TEST(ClosureVerifier, ABentSubmapLiesHalfWayOrNotAtAll) {
+  const auto straight = street_scene(1, 0.02, kHere);
+  const Pose little = se3_exp((Vector6d() << 0.1, 0.3, 0.0, 0.0, 0.0, 0.03).finished());
+  const Pose much = se3_exp((Vector6d() << 0.2, 0.8, 0.0, 0.0, 0.0, 0.12).finished());
+  const Matrix6d certain =
+      verify(checked(0, straight, kHere), checked(9, bent_scene(2, kHere), kHere), kHere, kHere, 20.0)
+          .information;
+  // Whichever of the two it is.
+  for (const bool newer : {true, false}) {
+    const auto verdict = [&](const Pose& bend) {
+      const auto bent = bent_scene(2, bend);
+      return verify(checked(0, newer ? straight : bent, kHere), checked(9, newer ? bent : straight, kHere),
+                    kHere, kHere, 20.0);
+    };
+    const auto c = verdict(little);
+    EXPECT_TRUE(c.accepted) << c.reason;
+    // One half would have it at the identity, the other one at the bend.
+    const Pose whole = newer ? c.from_from_to : c.from_from_to.inverse();
+    EXPECT_NEAR(so3_log(whole.rotation).z(), -0.015, 0.005);
+    EXPECT_LT(c.information(5, 5), 0.2 * certain(5, 5));
+    const auto refused = verdict(much);
+    EXPECT_FALSE(refused.accepted);
+    EXPECT_THAT(refused.reason, HasSubstr(newer ? "newer submap is bent" : "older submap is bent"));
+  }
+}
+
 TEST(ClosureVerifier, RefusesWhatOdometryContradicts) {
   const auto a = checked(0, street_scene(1, 0.02, kHere), kHere);
   const auto b = checked(9, street_scene(2, 0.02, kBack), kBack);
@@ -118,6 +157,19 @@ TEST(ClosureVerifier, RefusesRepeatedStructureUnlessOdometryTellsItApart) {
   EXPECT_THAT(wide.reason, HasSubstr("repeated structure"));
   const auto narrow = verify(a, b, kHere, kHere, 1.5);
   EXPECT_TRUE(narrow.accepted) << narrow.reason;
+}
+
+TEST(Ambiguity, APoseThatOdometrySpeaksAgainstIsLessOfARival) {
+  const auto a = checked(0, canyon(1, 8.0, kHere), kHere);
+  const auto b = checked(9, canyon(2, 8.0, kHere), kHere);
+  // The pillars repeat every 8 m. Whatever odometry says of it, the rival is a tenth better or worse for it
+  // at most.
+  const double far = ambiguity(a, b, kHere, {kHere, 9.0, 0.4}),
+               near = ambiguity(a, b, kHere, {kHere, 1000.0, 0.4});
+  EXPECT_LT(far, near);
+  EXPECT_GT(far, near - 0.1);
+  EXPECT_GT(near, 0.9);
+  EXPECT_LE(ambiguity(a, b, kHere, {kHere, 1.5, 0.4}), 0.0);  // out of its reach
 }
 
 }  // namespace

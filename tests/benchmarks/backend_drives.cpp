@@ -14,6 +14,7 @@
 
 #include "backend/backend.hpp"
 #include "backend/pieces.hpp"
+#include "backend/scan_refinement.hpp"
 #include "common/error.hpp"
 #include "common/evaluation/metrics.hpp"
 #include "drive_submaps.hpp"
@@ -41,13 +42,31 @@ Pose true_pose(const Submap& whole, const std::vector<StampedPose>& truth) {
   return {rotation, true_mean - rotation * mean};
 }
 
-double ate(const std::vector<StampedPose>& truth, const GraphState& graph, bool corrected) {
+// Position error [m] and error of a scan's turn since the scan before [degrees], RMS.
+struct Errors {
+  double ate_m = 0.0, turn_deg = 0.0;
+};
+Errors errors_of(const std::vector<StampedPose>& truth, const std::vector<TrajectoryPose>& trajectory,
+                 bool corrected) {
   std::vector<Pose> reference, estimate;
-  for (const TrajectoryPose& p : graph.trajectory) {
+  for (const TrajectoryPose& p : trajectory) {
     reference.push_back(truth.at(static_cast<std::size_t>(p.sequence)).pose);
     estimate.push_back(corrected ? p.map_from_sensor : p.odom_from_sensor);
   }
-  return evaluate(make_trajectory(reference), make_trajectory(estimate), Alignment::kSe3).ate.rmse;
+  const Evaluation e = evaluate(make_trajectory(reference), make_trajectory(estimate), Alignment::kSe3);
+  return {e.ate.rmse, e.rpe_rotation_deg.rmse};
+}
+
+// The scans as closures alone have them, before they are smoothed.
+std::vector<TrajectoryPose> unsmoothed(const SessionStore& store, const GraphState& graph) {
+  std::vector<TrajectoryPose> out;
+  std::vector<Submap> chain;
+  for (std::size_t k = 0; k < graph.map_from_submap.size(); ++k) {
+    chain.push_back(store.read_submap(static_cast<std::int64_t>(k), false));
+    if (k > 0) append_trajectory(chain[k - 1], &chain[k], graph.map_from_submap, out);
+  }
+  append_trajectory(chain.back(), nullptr, graph.map_from_submap, out);
+  return out;
 }
 
 // Processor time that `work` takes [ms]: other work on the machine is not ours.
@@ -190,12 +209,15 @@ int run(const std::string& drive, const Options& o) {
       std::fclose(out);
     }
   }
+  const Errors odometry = errors_of(truth, graph.trajectory, false),
+               closures = errors_of(truth, unsmoothed(store, graph), true),
+               smoothed = errors_of(truth, graph.trajectory, true);
   std::printf(
       "%-16s submaps %3zu accepted %3d false %d (worst %.2f m %.2f deg) revisits %2d closed %2d "
-      "ATE %.3f -> %.3f m  CPU ms median %.0f worst %.0f finish %.0f\n",
+      "ATE %.3f -> %.3f -> %.3f m turn %.2f -> %.2f -> %.2f deg CPU ms median %.0f worst %.0f finish %.0f\n",
       std::filesystem::path(drive).filename().c_str(), keyposes.size(), accepted, wrong, worst_m, worst_deg,
-      revisits, closed, ate(truth, graph, false), ate(truth, graph, true), ms[ms.size() / 2], ms.back(),
-      finish_ms);
+      revisits, closed, odometry.ate_m, closures.ate_m, smoothed.ate_m, odometry.turn_deg, closures.turn_deg,
+      smoothed.turn_deg, ms[ms.size() / 2], ms.back(), finish_ms);
   std::fflush(stdout);
   std::filesystem::remove_all(work);
   return wrong;
@@ -218,6 +240,8 @@ int main(int argc, char** argv) {
   app.add_option("--length", o.length_m, "submap length [m]; 0: the front-end's own choice");
   app.add_option("--drift-scale", o.scale, "added drift along the path, share of the path");
   app.add_option("--drift-yaw", o.yaw, "added drift of the heading [rad/m]");
+  app.add_option("--graph-candidates", o.config.graph_candidates,
+                 "pairs that the corrected graph says overlap");
   app.add_option("--candidates", o.config.candidates, "adaptive or paper");
   app.add_option("--gap", o.gap.first, "first of the scans that are left out (see --gap-count)");
   app.add_option("--gap-count", o.gap.count, "scans left out");
