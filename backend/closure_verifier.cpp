@@ -191,9 +191,16 @@ ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to,
   double half_m = 0.5 * std::hypot(bend_m(newer), bend_m(older));
   double half_rad = 0.5 * std::hypot(bend_rad(newer), bend_rad(older));
   if (std::max(newer.seen, older.seen) < kGlimpse) {
-    if (!needed)
-      return refused(text("only a glimpse of it is in view (%.2f of the points, %.2f would do)",
-                          std::max(newer.seen, older.seen), kGlimpse));
+    const double seen = std::max(newer.seen, older.seen);
+    if (!needed) {
+      return refused(
+          text("only a glimpse of it is in view: %.2f of the points, %.2f would do", seen, kGlimpse));
+    }
+    // What more it would move the submap by may as well be a bend of it.
+    if (!(off_m < kMaxBend_m && off_rad < kMaxBend_rad)) {
+      return refused(text("a glimpse of it, %.1f m, %.1f degrees from where odometry puts it", off_m,
+                          off_rad * 180.0 / M_PI));
+    }
     half_m = std::max(half_m, 0.5 * kMaxBend_m);
     half_rad = std::max(half_rad, 0.5 * kMaxBend_rad);
   }
