@@ -19,12 +19,12 @@ constexpr std::int64_t kLookBack =
 constexpr double kNews_m = 0.1, kNews_rad = 0.005;
 constexpr int kMaxChecksAPair = 2;
 constexpr double kTriedAlready_m = 1.0, kTriedAlready_rad = 0.05;
-// How far the registration may end from where it began. An image's cells and matches are coarser than a
-// corrected graph.
 // Where tracking was lost between two submaps, odometry cannot tell places that look alike apart.
 constexpr int kUnknownInliers = 10;
 constexpr double kRivalShare = 0.6;  // of the inliers
 constexpr double kSamePlace_m = 5.0;
+// How far the registration may end from where it began. An image's cells and matches are coarser than a
+// corrected graph.
 constexpr double kAlikeReach_m = 5.0, kNearReach_m = 3.5, kReach_rad = 0.26;
 
 // True if the pair was looked at from about there before, or often enough.
