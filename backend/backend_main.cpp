@@ -21,7 +21,7 @@ int main(int argc, char** argv) {
       ->type_name("DIR")
       ->required();
   app.add_flag("--exit-when-done", options.exit_when_done,
-               "End when the session is complete and a viewer has fetched all of it");
+               "End when the session is complete and the viewers have written all of it (one at least)");
   app.add_option("--meta", meta, "A text to keep in the session, e.g. data=/data/kitti/07; may be repeated")
       ->type_name("KEY=TEXT");
   app.add_flag(

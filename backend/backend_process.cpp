@@ -16,6 +16,8 @@ constexpr std::int64_t kCorrectionPeriodUs = 500'000;
 constexpr std::int64_t kRetryUs = 1'000'000;
 constexpr std::int64_t kKeepStatusesUs = 10'000'000;
 constexpr std::int64_t kLingerUs = 2'000'000;
+constexpr std::int64_t kGoneUs = 5'000'000;  // a front-end that was not heard for so long does not come back
+constexpr std::size_t kMostViewers = 64;
 constexpr int kSubmapsAhead = 2;
 constexpr int kMostRefusals = 5;  // of one submap
 
@@ -39,7 +41,9 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
           },
           2, 1),
       control_(endpoint_, "hp2_backend",
-               [this](const control_t& m, bool) { stop_ = stop_ || m.command == control_t::STOP; }),
+               [this](const control_t& m, bool named) {
+                 if (m.command == control_t::STOP) (named ? stop_ : stop_all_) = true;
+               }),
       submaps_(endpoint_, {kSubmapTopic, Inbox::Order::kAll, kSubmapsAhead},
                [this](Delivery d) {
                  handed_ = d.id + 1;
@@ -49,7 +53,13 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
       graph_(endpoint_, kGraphTopic, [this](std::int64_t) { return now_.graph; }),
       trajectory_(endpoint_, kTrajectoryTopic, [this](std::int64_t) { return now_.trajectory; }),
       session_submaps_(endpoint_, kSessionSubmapTopic, [this](std::int64_t id) { return loader_.get(id); }) {
-  started_us_ = bus.now_us();
+  started_us_ = frontend_us_ = bus.now_us();
+  // A viewer is done with the last graph once it has written everything.
+  graph_.on_reader([this](const fetch_t& fetch) {
+    if (!now_.ended || fetch.done_id < graph_.next()) return;
+    if (done_viewers_.size() >= kMostViewers) done_viewers_.clear();
+    done_viewers_.insert(fetch.sender_id);
+  });
   endpoint_.set_session(worker_.session_id());
   submaps_.set_limit(0);
   for (const char* name : {"submaps_stored", "closures_accepted", "closures_rejected"})
@@ -135,18 +145,26 @@ void BackendProcess::keep_statuses(bool now) {
   if (!opened_ || (!now && bus_.now_us() - last_keep_us_ < kKeepStatusesUs)) return;
   last_keep_us_ = bus_.now_us();
   worker_.write_meta(
-      {{"processes", peers_as_json(presence_).dump()}, {"warnings", warnings_as_json(presence_).dump()}});
+      {{"processes", as_text(peers_as_json(presence_))}, {"warnings", as_text(warnings_as_json(presence_))}});
 }
 
-bool BackendProcess::all_fetched() const {
+// The session is complete and nobody who is there waits for this process any more.
+bool BackendProcess::nobody_waits() const {
   if (!now_.ended) return false;
-  const bool viewer_done = graph_.done_id() >= graph_.next() && trajectory_.done_id() >= trajectory_.next() &&
-                           session_submaps_.done_id() >= session_submaps_.next();
+  for (const Peer* viewer : presence_.all_live("hp2_viewer_headless")) {
+    if (done_viewers_.count(viewer->status.sender_id) == 0) return false;
+  }
   // A front-end that has just begun, or does not know yet that all is stored, would wait for this process for
   // ever.
-  const bool frontend_waits =
-      presence_.live("hp2_frontend") != nullptr || bus_.now_us() - started_us_ < kLingerUs;
-  return viewer_done && !frontend_waits;
+  return presence_.live("hp2_frontend") == nullptr && bus_.now_us() - started_us_ > kLingerUs;
+}
+
+bool BackendProcess::time_to_go() {
+  if (presence_.live("hp2_frontend") != nullptr) frontend_us_ = bus_.now_us();
+  if (stop_ || stop_signals() > 0) return true;
+  // A command to all ends the session in order, if there is a front-end to end it.
+  if (stop_all_) return nobody_waits() || (!now_.ended && bus_.now_us() - frontend_us_ > kGoneUs);
+  return options_.exit_when_done && !done_viewers_.empty() && nobody_waits();
 }
 
 void BackendProcess::report() {
@@ -178,9 +196,8 @@ bool BackendProcess::tick() {
   keep_statuses(false);
   report();
   presence_.poll();
-  const bool stopped = stop_ || stop_signals() > 0;
-  if (!stopped && !(options_.exit_when_done && all_fetched())) return true;
-  exit_status_ = now_.ended || stop_ ? 0 : 130;
+  if (!time_to_go()) return true;
+  exit_status_ = now_.ended || stop_ || stop_all_ ? 0 : 130;
   Report last = presence_.report();
   last.state = status_t::FINISHED;
   last.text = now_.ended ? "finished" : "stopped; the session can be taken up again";

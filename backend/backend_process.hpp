@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 
 #include "backend/session_worker.hpp"
@@ -17,7 +18,7 @@ namespace hp2 {
 /// How the back-end behaves on the bus.
 struct BackendProcessOptions {
   std::string session_folder;
-  bool exit_when_done = false;  ///< End once the session is complete and a viewer has fetched all of it.
+  bool exit_when_done = false;  ///< End once the session is complete and all viewers have written it.
   std::map<std::string, std::string> meta;  ///< Texts to keep in the session.
 };
 
@@ -39,7 +40,8 @@ class BackendProcess {
   void watch_submaps();
   void publish_correction();
   void keep_statuses(bool now);
-  bool all_fetched() const;
+  bool nobody_waits() const;
+  bool time_to_go();
   void report();
 
   LcmBus& bus_;
@@ -53,10 +55,12 @@ class BackendProcess {
   Inbox submaps_;
   Outbox resume_, graph_, trajectory_, session_submaps_;
   SessionSnapshot now_;
-  bool opened_ = false, stop_ = false, finishing_ = false;
+  bool opened_ = false, stop_ = false, stop_all_ = false, finishing_ = false;
   std::int64_t handed_ = 0;  // submaps handed to the worker
   std::int64_t started_us_ = 0, last_correction_us_ = 0, retry_us_ = 0, last_keep_us_ = 0;
-  int refusals_ = 0;  // of the submap that is next, one after another
+  std::int64_t frontend_us_ = 0;         // a front-end was there
+  std::set<std::int64_t> done_viewers_;  // have written the whole session
+  int refusals_ = 0;                     // of the submap that is next, one after another
   int exit_status_ = 0;
 };
 

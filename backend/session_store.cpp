@@ -110,7 +110,7 @@ class SessionStore::Impl {
       const std::string check = db->text("PRAGMA quick_check(1)");
       if (check != "ok") {
         throw Error(
-            "the session is damaged (" + check + ")", db->path(),
+            "the session is damaged (" + check.substr(check.find('\n') + 1) + ")", db->path(),
             "Choose another session folder; `sqlite3 FILE .recover` may save what is left of this one.");
       }
     }

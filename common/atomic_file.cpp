@@ -4,15 +4,19 @@
 #include <cstdio>
 #include <cstring>
 #include <fcntl.h>
+#include <filesystem>
+#include <random>
+#include <stdlib.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include <vector>
 
 #include "common/error.hpp"
 
 namespace hp2 {
 
 namespace {
+
+std::string path_of(int fd) { return "/proc/self/fd/" + std::to_string(fd); }
 
 // The permissions that fopen() would have given, in place of mkstemp's 0600.
 mode_t default_mode() {
@@ -21,31 +25,63 @@ mode_t default_mode() {
   return 0666 & ~mask;
 }
 
+// A file without a name beside `path`: nothing is left of it if the process is killed. -1: not possible here.
+int open_unnamed(const std::string& path) {
+  const auto folder = std::filesystem::path(path).parent_path();
+  const int fd = open(folder.empty() ? "." : folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
+  if (fd < 0 || access(path_of(fd).c_str(), F_OK) == 0) return fd;
+  close(fd);
+  return -1;
+}
+
+// A file with a made-up name beside `path`, where the file system knows none without.
+int open_named(const std::string& path, std::string& name) {
+  name = path + ".XXXXXX";
+  const int fd = mkostemp(name.data(), O_CLOEXEC);
+  static const mode_t kMode = default_mode();
+  if (fd < 0 || fchmod(fd, kMode) == 0) return fd;
+  const int reason = errno;
+  close(fd);
+  unlink(name.c_str());
+  errno = reason;
+  return -1;
+}
+
 }  // namespace
 
 AtomicFile::AtomicFile(std::string path) : path_(std::move(path)) {
-  const std::string pattern = path_ + ".XXXXXX";
-  std::vector<char> name(pattern.c_str(), pattern.c_str() + pattern.size() + 1);
-  const int fd = mkstemp(name.data());
+  int fd = open_unnamed(path_);
+  if (fd < 0) fd = open_named(path_, name_);
   if (fd < 0) fail("the file cannot be created");
-  temporary_path_ = name.data();
-  static const mode_t kMode = default_mode();
-  const int changed = fchmod(fd, kMode);
-  std::FILE* stream = changed == 0 ? fdopen(fd, "w+b") : nullptr;
-  if (stream == nullptr) {
-    const int reason = errno;
-    close(fd);
-    unlink(temporary_path_.c_str());
-    errno = reason;
-    fail("the file cannot be created");
-  }
-  stream_ = stream;
+  temporary_path_ = name_.empty() ? path_of(fd) : name_;
+  stream_ = fdopen(fd, "w+b");
+  if (stream_ != nullptr) return;
+  const int reason = errno;
+  close(fd);
+  remove_name();
+  errno = reason;
+  fail("the file cannot be created");
 }
 
 AtomicFile::~AtomicFile() {
   if (stream_ == nullptr) return;
   std::fclose(static_cast<std::FILE*>(stream_));
-  unlink(temporary_path_.c_str());
+  remove_name();
+}
+
+void AtomicFile::remove_name() {
+  if (!name_.empty()) unlink(name_.c_str());
+}
+
+// A link cannot replace a file; a file renamed can.
+void AtomicFile::make_name() {
+  std::random_device random;
+  for (int i = 0; i < 10 && name_.empty(); ++i) {
+    const std::string name = path_ + "." + std::to_string(random());
+    if (linkat(AT_FDCWD, temporary_path_.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) == 0)
+      name_ = name;
+  }
+  if (name_.empty()) fail("the file cannot be given its name");
 }
 
 void AtomicFile::fail(const std::string& what) const {
@@ -78,11 +114,12 @@ void AtomicFile::commit() {
   // A file system may find out about a full disk as late as here; pipes and the like cannot be synchronised.
   if (fsync(fileno(static_cast<std::FILE*>(stream_))) != 0 && errno != EINVAL)
     fail("the file cannot be written");
+  if (name_.empty()) make_name();
   const bool closed = std::fclose(static_cast<std::FILE*>(stream_)) == 0;
   stream_ = nullptr;
-  if (!closed || rename(temporary_path_.c_str(), path_.c_str()) != 0) {
+  if (!closed || rename(name_.c_str(), path_.c_str()) != 0) {
     const int reason = errno;
-    unlink(temporary_path_.c_str());
+    remove_name();
     errno = reason;
     fail("the file cannot be written");
   }

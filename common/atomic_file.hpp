@@ -1,5 +1,5 @@
-// Output files that appear whole or not at all: written under a temporary name beside the target, then
-// renamed.
+// Output files that appear whole or not at all: written without a name (where the file system can: nothing is
+// left behind by a process that is killed) or under a temporary one beside the target, then renamed.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -33,7 +33,10 @@ class AtomicFile {
 
  private:
   [[noreturn]] void fail(const std::string& what) const;
+  void make_name();
+  void remove_name();
   std::string path_, temporary_path_;
+  std::string name_;        // of the temporary file in the folder; empty: it has none
   void* stream_ = nullptr;  // FILE*
 };
 

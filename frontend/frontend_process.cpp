@@ -7,6 +7,7 @@
 
 #include "common/error.hpp"
 #include "common/transport/channels.hpp"
+#include "frontend/odometry_message.hpp"
 
 namespace hp2 {
 namespace {
@@ -16,7 +17,7 @@ constexpr std::int64_t kNothing = 0, kEverything = std::int64_t{1} << 62;
 constexpr std::int64_t kListenForTwinUs = 1'100'000;
 constexpr std::int64_t kBehindPatienceUs = 2'000'000;
 constexpr std::int64_t kLingerUs = 3'000'000;
-constexpr std::size_t kMostKeptBytes = std::size_t{400} << 20U;  // of submaps while the back-end is away
+const char* const kBegunCounter = "session_begun";  // 1 from the moment on that scans may be registered
 
 }  // namespace
 
@@ -30,13 +31,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
       resume_(endpoint_, {kResumeTopic, Inbox::Order::kLatest}, [this](const Delivery& d) { on_resume(d); }),
       scans_(endpoint_, {kScanTopic, Inbox::Order::kAll, 3, std::size_t{128} << 20U, true},
              [this](Delivery d) { on_scan(std::move(d)); }),
-      submaps_(endpoint_, kSubmapTopic,
-               [this](std::int64_t id) {
-                 for (const auto& kept : kept_) {
-                   if (kept.id == id) return kept.message;
-                 }
-                 return EncodedMessagePtr();
-               }),
+      submaps_(endpoint_, !options.standalone),
       live_(endpoint_, options.live_backlog),
       worker_(config, options.threads,
               [this](RegistrationEvent event) {
@@ -59,7 +54,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
 }
 
 void FrontendProcess::on_command(const control_t& command, bool named) {
-  if (command.command == control_t::STOP) stop_ = true;
+  stop_ = stop_ || command.command == control_t::STOP;
   // The player holds back scans for everybody; the front-end itself pauses only when it is named.
   if (named && (command.command == control_t::PAUSE || command.command == control_t::RESUME)) {
     paused_ = command.command == control_t::PAUSE;
@@ -67,10 +62,16 @@ void FrontendProcess::on_command(const control_t& command, bool named) {
   }
 }
 
+// Of two front-ends the one that has not begun yet leaves; if that does not tell them apart, the one with the
+// larger number. Both come to the same verdict.
 void FrontendProcess::check_twin() const {
   const Peer* twin = presence_.live("hp2_frontend");
-  if (twin == nullptr || twin->status.number < presence_.number())
-    return;  // it is the younger one: it will leave
+  if (twin == nullptr) return;
+  const bool begun = state_ != State::kWaiting;
+  bool twin_begun = false;
+  for (const auto& c : twin->status.counters)
+    twin_begun = twin_begun || (c.name == kBegunCounter && c.value != 0);
+  if (begun != twin_begun ? begun : endpoint_.sender_id() < twin->status.sender_id) return;
   throw Error("another front-end runs this session already",
               "process " + std::to_string(twin->status.pid) + " on " + twin->status.host,
               "Stop that one first; two front-ends cannot share a session.");
@@ -85,11 +86,8 @@ void FrontendProcess::on_resume(const Delivery& delivery) {
   resume_.set_limit(kNothing);
   if (m.ended) {
     spdlog::info("session {} is complete already", m.session_id);
-    stored_sequence_ = next_sequence_ = m.next_sequence;
-    kept_.clear();
-    kept_bytes_ = 0;
-    next_submap_ = m.next_submap_id;
-    submaps_.offer(next_submap_, next_submap_, true);
+    next_sequence_ = m.next_sequence;
+    submaps_.begin(m.next_submap_id, m.next_sequence, true);
     state_ = State::kOver;
     scans_.set_silent(false);
     return;
@@ -101,17 +99,14 @@ void FrontendProcess::begin(std::int64_t next_submap, std::int64_t next_sequence
                             const std::vector<std::uint8_t>& state) {
   generation_ = worker_.begin(endpoint_.session_id(), state);
   in_worker_ = 0;
-  kept_.clear();
-  kept_bytes_ = 0;
-  next_submap_ = next_submap;
-  next_sequence_ = stored_sequence_ = next_sequence;
+  next_sequence_ = next_sequence;
   last_given_ = next_sequence - 1;
   behind_since_us_ = 0;
   scans_.seek(next_sequence);
   scans_.acknowledge(next_sequence, next_sequence);
   scans_.set_silent(false);
   live_.set_next_sequence(next_sequence);
-  submaps_.offer(next_submap_, next_submap_, false);
+  submaps_.begin(next_submap, next_sequence, false);
   state_ = State::kRunning;
   if (next_sequence > 0) {
     spdlog::info("session {}: going on after submap {} at scan {}", endpoint_.session_id(), next_submap - 1,
@@ -141,7 +136,7 @@ void FrontendProcess::skip_to_newest() {
 void FrontendProcess::feed_live() {
   live_.allow(scans_.offer() == nullptr);
   if (!live_.active()) live_.set_next_sequence(last_given_ + 1);
-  while (!live_.empty() && in_worker_ < kInWorker / 2) {
+  while (!live_.empty() && in_worker_ < kInWorker / 2 && !submaps_.full()) {
     auto scan = live_.pop();
     if (scan->sequence <= last_given_) continue;
     const std::int64_t sequence = last_given_ = scan->sequence;
@@ -154,7 +149,7 @@ void FrontendProcess::feed() {
   if (state_ != State::kRunning) return;
   feed_live();
   const offer_t* offer = scans_.offer();
-  const bool room = kept_bytes_ < kMostKeptBytes && !live_.active() && !paused_;
+  const bool room = !submaps_.full() && !live_.active() && !paused_;
   if (last_given_ + 1 > scans_.next_delivery()) scans_.seek(last_given_ + 1);
   const bool real_time = offer != nullptr && offer->pacing == offer_t::REAL_TIME;
   if (room) skip_to_newest();
@@ -172,10 +167,13 @@ void FrontendProcess::end_session(const std::string& why) {
   spdlog::info("{}: cutting the last submap", why);
   state_ = State::kEnding;
   scans_.set_limit(kNothing);
+  if (paused_) worker_.pause(false);  // what waits in the worker comes before the end
+  paused_ = false;
   worker_.finish();
 }
 
 void FrontendProcess::on_event(RegistrationEvent event) {
+  if (event.error) std::rethrow_exception(event.error);
   if (event.generation != generation_) return;
   for (const auto& warning : event.warnings) presence_.warn(warning);
   if (event.sequence >= 0) {
@@ -188,76 +186,19 @@ void FrontendProcess::on_event(RegistrationEvent event) {
   if (event.odometry) {
     ++endpoint_.counters()["scans_registered"];
     endpoint_.counters()["scans_skipped"] += event.odometry->n_skipped;
-    publish_odometry(*event.odometry);
+    odometry_t m = to_message(*event.odometry);
+    m.session_id = endpoint_.session_id();
+    m.sender_id = endpoint_.sender_id();
+    m.number = odometry_number_++;
+    endpoint_.publish(kOdometryChannel, m);
   }
-  keep_submaps(std::move(event.submaps));
-  if (event.ended) {
-    state_ = State::kOver;
-    submaps_.offer(kept_.empty() ? next_submap_ : kept_.front().id, next_submap_, true);
+  if (!event.submaps.empty() || event.ended) {
+    endpoint_.counters()["submaps_cut"] += static_cast<std::int64_t>(event.submaps.size());
+    submaps_.add(std::move(event.submaps), event.ended);
   }
-  scans_.acknowledge(next_sequence_, stored_sequence_);
+  if (event.ended) state_ = State::kOver;
+  scans_.acknowledge(next_sequence_, submaps_.stored_sequence());
   feed();
-}
-
-void FrontendProcess::publish_odometry(const OdometryResult& r) {
-  odometry_t m{};
-  m.utime = r.utime;
-  m.session_id = endpoint_.session_id();
-  m.sender_id = endpoint_.sender_id();
-  m.number = odometry_number_++;
-  m.sequence = r.sequence;
-  m.odom_from_sensor = to_message(r.odom_from_sensor);
-  m.submap_id = r.submap_id;
-  m.submap_from_sensor = to_message(r.submap_from_sensor);
-  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>{m.covariance} = r.covariance;
-  m.alpha = r.diagnostics.alpha;
-  m.n_planar = r.n_planar;
-  m.n_non_planar = r.n_non_planar;
-  m.sigma = r.diagnostics.sigma;
-  m.iterations = r.diagnostics.iterations;
-  m.min_eigenvalue_ratio = r.diagnostics.min_eigenvalue_ratio;
-  m.state = static_cast<std::int8_t>(r.state);
-  m.n_points = r.n_points;
-  m.n_dropped = r.n_dropped;
-  m.n_skipped = r.n_skipped;
-  const auto& ms = r.diagnostics.ms;
-  m.ms_preprocess = ms[0];
-  m.ms_neighbour_search = ms[1];
-  m.ms_planarity = ms[2];
-  m.ms_solve = ms[3];
-  m.ms_map_update = ms[4];
-  m.ms_total = ms[5];
-  endpoint_.publish(kOdometryChannel, m);
-}
-
-void FrontendProcess::keep_submaps(std::vector<SubmapOut> submaps) {
-  for (auto& submap : submaps) {
-    ++endpoint_.counters()["submaps_cut"];
-    next_submap_ = submap.id + 1;
-    if (options_.standalone) {
-      stored_sequence_ = submap.next_sequence;
-    } else {
-      kept_bytes_ += submap.message->bytes.size();
-      kept_.push_back(std::move(submap));
-    }
-  }
-  if (state_ == State::kRunning) {
-    submaps_.offer(kept_.empty() ? next_submap_ : kept_.front().id, next_submap_, false);
-  }
-}
-
-void FrontendProcess::drop_stored_submaps() {
-  if (state_ == State::kWaiting) return;
-  bool dropped = false;
-  while (!kept_.empty() && kept_.front().id < submaps_.done_id()) {
-    stored_sequence_ = kept_.front().next_sequence;
-    kept_bytes_ -= kept_.front().message->bytes.size();
-    kept_.pop_front();
-    dropped = true;
-  }
-  if (!dropped) return;
-  submaps_.offer(kept_.empty() ? next_submap_ : kept_.front().id, next_submap_, state_ == State::kOver);
-  scans_.acknowledge(next_sequence_, stored_sequence_);
 }
 
 // A back-end that was started again and has less than was confirmed before (its disk lost power, say) cannot
@@ -265,8 +206,7 @@ void FrontendProcess::drop_stored_submaps() {
 void FrontendProcess::check_backend() {
   if (options_.standalone || state_ == State::kWaiting) return;
   const offer_t* offer = resume_.offer();
-  const std::int64_t first = kept_.empty() ? next_submap_ : kept_.front().id;
-  if (offer == nullptr || offer->first_id >= first) {
+  if (offer == nullptr || offer->first_id >= submaps_.first()) {
     behind_since_us_ = 0;
     return;
   }
@@ -279,7 +219,10 @@ void FrontendProcess::check_backend() {
 }
 
 bool FrontendProcess::over() {
-  if (state_ != State::kOver || !kept_.empty()) return false;
+  if (state_ != State::kOver || !submaps_.empty()) return false;
+  // The back-end must know that nothing follows: one that was killed is told when it is back.
+  const auto& resume = resume_.last_offer();
+  if (!options_.standalone && !(resume && resume->ended != 0)) return false;
   if (over_since_us_ == 0) over_since_us_ = bus_.now_us();
   scans_.acknowledge(next_sequence_, fetch_t::ALL);
   // The player may have missed that it can go: stay while it still asks.
@@ -302,8 +245,8 @@ void FrontendProcess::report() {
     report.state = status_t::WAITING;
     report.text = backend ? "taking up the session" : "waiting for a back-end (hp2_backend --session DIR)";
   } else if (state_ == State::kOver) {
-    report.text =
-        kept_.empty() ? "the session is complete" : "waiting for the back-end to store the last submaps";
+    report.text = over_since_us_ != 0 ? "the session is complete"
+                                      : "waiting for the back-end to store the last submaps";
   } else if (paused_) {
     report.state = status_t::PAUSED;
     report.text = "paused";
@@ -314,13 +257,15 @@ void FrontendProcess::report() {
     report.text =
         backend ? "registering" : "registering; the back-end is away, submaps are kept until it returns";
   }
-  endpoint_.counters()["submaps_kept"] = static_cast<std::int64_t>(kept_.size());
+  endpoint_.counters()[kBegunCounter] = state_ == State::kWaiting ? 0 : 1;
+  endpoint_.counters()["submaps_kept"] = static_cast<std::int64_t>(submaps_.size());
   presence_.set(report);
 }
 
 bool FrontendProcess::tick() {
   endpoint_.poll();
-  if (stop_signals() > 1 || (stop_signals() > 0 && state_ == State::kWaiting)) {
+  const bool nothing_to_end = state_ == State::kWaiting && (stop_signals() > 0 || resume_.offer() == nullptr);
+  if (stop_signals() > 1 || ((stop_ || stop_signals() > 0) && nothing_to_end)) {
     exit_status_ = 130;
     return false;
   }
@@ -333,7 +278,9 @@ bool FrontendProcess::tick() {
       resume_.set_limit(kEverything);
     }
   }
-  drop_stored_submaps();
+  if (state_ != State::kWaiting && submaps_.drop_stored()) {
+    scans_.acknowledge(next_sequence_, submaps_.stored_sequence());
+  }
   check_backend();
   feed();
   report();

@@ -2,15 +2,14 @@
 // kept by the back-end so that it can die at any moment.
 #pragma once
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <string>
 
 #include "common/transport/inbox.hpp"
 #include "common/transport/lcm_bus.hpp"
-#include "common/transport/outbox.hpp"
 #include "common/transport/presence.hpp"
 #include "common/transport/process.hpp"
+#include "frontend/kept_submaps.hpp"
 #include "frontend/live_scans.hpp"
 #include "frontend/registration_worker.hpp"
 
@@ -46,9 +45,6 @@ class FrontendProcess {
   void feed_live();
   void skip_to_newest();
   void on_event(RegistrationEvent event);
-  void publish_odometry(const OdometryResult& result);
-  void keep_submaps(std::vector<SubmapOut> submaps);
-  void drop_stored_submaps();
   void check_backend();
   void check_twin() const;
   void end_session(const std::string& why);
@@ -61,21 +57,17 @@ class FrontendProcess {
   Presence presence_;
   ControlListener control_;
   Inbox resume_, scans_;
-  Outbox submaps_;
+  KeptSubmaps submaps_;
   LiveScans live_;
   RegistrationWorker worker_;
 
   State state_ = State::kWaiting;
   bool paused_ = false, stop_ = false;
   std::int64_t started_us_ = 0, generation_ = 0;
-  int in_worker_ = 0;                 // scans handed to the worker that have not come back
-  std::int64_t next_sequence_ = 0;    // one past the last registered scan
-  std::int64_t last_given_ = -1;      // last sequence number handed to the worker
-  std::int64_t stored_sequence_ = 0;  // first scan that is in no stored submap
+  int in_worker_ = 0;               // scans handed to the worker that have not come back
+  std::int64_t next_sequence_ = 0;  // one past the last registered scan
+  std::int64_t last_given_ = -1;    // last sequence number handed to the worker
   std::int64_t odometry_number_ = 0;
-  std::deque<SubmapOut> kept_;  // submaps that the back-end has not stored yet
-  std::size_t kept_bytes_ = 0;
-  std::int64_t next_submap_ = 0;
   std::int64_t behind_since_us_ = 0;  // the back-end has less than it confirmed, since
   std::int64_t over_since_us_ = 0;
   int exit_status_ = 0;

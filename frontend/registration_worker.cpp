@@ -15,9 +15,9 @@ constexpr std::size_t kMostParcels = 4;  // finished submaps that wait to be pac
 RegistrationWorker::RegistrationWorker(const FrontendConfig& config, int threads,
                                        std::function<void(RegistrationEvent)> sink)
     : config_(config), threads_(threads), sink_(std::move(sink)) {
-  decoder_ = std::thread([this] { decode_loop(); });
-  registrar_ = std::thread([this] { register_loop(); });
-  packer_ = std::thread([this] { pack_loop(); });
+  decoder_ = std::thread([this] { run_thread(&RegistrationWorker::decode_loop); });
+  registrar_ = std::thread([this] { run_thread(&RegistrationWorker::register_loop); });
+  packer_ = std::thread([this] { run_thread(&RegistrationWorker::pack_loop); });
 }
 
 RegistrationWorker::~RegistrationWorker() {
@@ -60,6 +60,24 @@ void RegistrationWorker::pause(bool paused) {
   const std::lock_guard<std::mutex> lock(mutex_);
   paused_ = paused;
   wake_.notify_all();
+}
+
+// An exception that left a thread would end the process without a word.
+void RegistrationWorker::run_thread(void (RegistrationWorker::*loop)()) {
+  RegistrationEvent event;
+  try {
+    (this->*loop)();
+    return;
+  } catch (...) {
+    event.error = std::current_exception();
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    registering_ = false;
+    event.generation = generation_;
+  }
+  wake_.notify_all();
+  sink_(std::move(event));
 }
 
 void RegistrationWorker::decode_loop() {
@@ -106,6 +124,7 @@ void RegistrationWorker::register_loop() {
     if (generation == generation_) {
       for (auto& parcel : parcels) {
         parcel.generation = generation;
+        parcel.session_id = session_id_;
         parcels_.push_back(std::move(parcel));
       }
     }
@@ -129,7 +148,7 @@ RegistrationEvent RegistrationWorker::run(Job job, std::vector<Parcel>& parcels)
       FrontendOutput output = frontend_->process(*job.scan.scan);
       event.odometry = output.odometry;
       if (output.finished_submap) {
-        parcels.push_back({0, std::move(output.finished_submap), frontend_->save_state(), ends, false});
+        parcels.push_back({0, 0, std::move(output.finished_submap), frontend_->save_state(), ends, false});
       }
     }
   }
@@ -144,7 +163,7 @@ RegistrationEvent RegistrationWorker::run(Job job, std::vector<Parcel>& parcels)
   return event;
 }
 
-RegistrationEvent RegistrationWorker::pack(Parcel parcel) const {
+RegistrationEvent RegistrationWorker::pack(Parcel parcel) {
   RegistrationEvent event;
   event.generation = parcel.generation;
   event.ended = parcel.ended;
@@ -154,7 +173,7 @@ RegistrationEvent RegistrationWorker::pack(Parcel parcel) const {
     out.next_sequence = parcel.submap->scans.empty() ? 0 : parcel.submap->scans.back().sequence + 1;
     estimate_normals(*parcel.submap);
     const SubmapPackage package{std::move(*parcel.submap), std::move(parcel.state), parcel.last};
-    out.message = std::make_shared<EncodedMessage>(encode_submap(package, session_id_));
+    out.message = std::make_shared<EncodedMessage>(encode_submap(package, parcel.session_id));
     event.submaps.push_back(std::move(out));
   }
   return event;

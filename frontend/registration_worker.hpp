@@ -4,6 +4,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
+#include <exception>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -42,6 +43,7 @@ struct RegistrationEvent {
   std::vector<SubmapOut> submaps;          ///< That it finished.
   std::vector<std::string> warnings;
   bool ended = false;  ///< The session's last submap is among `submaps`, or there was nothing left to cut.
+  std::exception_ptr error;  ///< What ended a thread of the worker (no memory); nothing follows then.
 };
 
 /// Runs a Frontend in order. Events are handed to `sink` from its threads.
@@ -71,29 +73,29 @@ class RegistrationWorker {
   };
   /// A finished submap on its way out, or the end of the session.
   struct Parcel {
-    std::int64_t generation = 0;
+    std::int64_t generation = 0, session_id = 0;
     std::optional<Submap> submap;
     std::vector<std::uint8_t> state;
     bool last = false, ended = false;
   };
+  void run_thread(void (RegistrationWorker::*loop)());
   void decode_loop();
   void register_loop();
   void pack_loop();
   RegistrationEvent run(Job job, std::vector<Parcel>& parcels);
-  RegistrationEvent pack(Parcel parcel) const;
+  static RegistrationEvent pack(Parcel parcel);
 
   const FrontendConfig config_;
   const int threads_;
   std::function<void(RegistrationEvent)> sink_;
   std::unique_ptr<Frontend> frontend_;
-  std::int64_t session_id_ = 0;
 
   std::mutex mutex_;
   std::condition_variable wake_;
   std::deque<Job> jobs_;  // in order; decoded ones may be registered
   std::deque<Parcel> parcels_;
   bool paused_ = false, stop_ = false, registering_ = false;
-  std::int64_t generation_ = 0;
+  std::int64_t generation_ = 0, session_id_ = 0;
   std::thread decoder_, registrar_, packer_;
 };
 

@@ -31,7 +31,7 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
       total_(static_cast<std::int64_t>(source.size())),
       endpoint_(bus),
       presence_(endpoint_, "hp2_player"),
-      control_(endpoint_, "hp2_player", [this](const control_t& m, bool) { on_command(m); }),
+      control_(endpoint_, "hp2_player", [this](const control_t& m, bool named) { on_command(m, named); }),
       loader_([&source](std::int64_t id) { return encode_scan(source.read(static_cast<std::size_t>(id))); },
               options.ahead, options.threads),
       outbox_(endpoint_, kScanTopic, [this](std::int64_t id) { return loader_.get(id); }),
@@ -43,7 +43,7 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
   for (const auto& warning : source.warnings()) presence_.warn(warning);
 }
 
-void PlayerProcess::on_command(const control_t& command) {
+void PlayerProcess::on_command(const control_t& command, bool named) {
   switch (command.command) {
     case control_t::PAUSE:
       if (!paused_) allowed_ = options_.rate > 0 ? appeared_ : std::min(total_, registered() + 1);
@@ -57,7 +57,7 @@ void PlayerProcess::on_command(const control_t& command) {
       allowed_ = std::min(total_, allowed_ + std::clamp<std::int64_t>(command.argument, 1, total_));
       break;
     case control_t::STOP:
-      stop_ = true;
+      (named ? stop_ : stop_all_) = true;
       break;
     default:
       break;
@@ -149,6 +149,7 @@ bool PlayerProcess::tick() {
   if (outbox_.done_id() >= total_) return end(0, "every scan is registered and stored");
   if (outbox_.over()) return end(0, "the front-end has ended the session");
   if (stop_ || stop_signals() > 0) return end(kStopped, "stopped");
+  if (stop_all_) return end(0, "the session is ended by a command");
   report();
   presence_.poll();
   return true;

@@ -31,11 +31,12 @@ class PlayerProcess {
   /// @return false when the run is over: every scan is safe, the front-end ended the session, or a stop came
   /// @throws Error if a scan cannot be read
   bool tick();
-  /// 0 if every scan is safe or the session was ended by its front-end, 130 after a stop before that.
+  /// 0 if every scan is safe or the session was ended by its front-end or a command to all, 130 after a stop
+  /// of the player alone.
   int exit_status() const { return exit_status_; }
 
  private:
-  void on_command(const control_t& command);
+  void on_command(const control_t& command, bool named);
   void offer();
   void turn_clock();
   std::int64_t registered() const;
@@ -53,7 +54,7 @@ class PlayerProcess {
   MessageLoader loader_;
   Outbox outbox_;
   Progress progress_;
-  bool paused_, stop_ = false;
+  bool paused_, stop_ = false, stop_all_ = false;
   std::int64_t allowed_ = 0;   // while paused: scans before it may be sent
   std::int64_t appeared_ = 0;  // real time: scans before it have appeared
   std::int64_t clock_start_us_ = -1, clock_base_us_ = 0, last_tick_us_ = 0;

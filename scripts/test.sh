@@ -3,7 +3,7 @@
 #   scripts/test.sh              unit and integration tests (build/)
 #   scripts/test.sh --sanitize   unit tests with address and undefined-behaviour sanitizers (build-asan/)
 #   scripts/test.sh --fuzz       fuzz targets, HP2_FUZZ_SECONDS (60) each, two at a time (build-asan/; needs clang)
-#   scripts/test.sh --tsan       unit and quick integration tests with the thread sanitizer (build-tsan/)
+#   scripts/test.sh --tsan       unit and integration tests with the thread sanitizer (build-tsan/); takes an hour
 #   scripts/test.sh --long       integration tests that take minutes each: losses, two hosts, a stalled back-end, overload, hostile input
 #   scripts/test.sh --all        the first three: what CI runs
 # More words go to ctest, e.g. scripts/test.sh -R transport
@@ -16,7 +16,8 @@ case ${1:-} in
   -h | --help) sed -n '2,9s/^# \{0,1\}//p' "$0" && exit 0 ;;
 esac
 unit_programs="common_tests transport_tests evaluation_tests player_tests frontend_tests backend_tests viewer_headless_tests"
-processes="hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_injector hp2_eval"
+processes="hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_injector hp2_eval
+  hp2_lossy_relay hp2_hostile hp2_bad_frontend hp2_write_dataset hp2_chart"
 fuzz_targets="messages point_files logs trajectories"
 # Without -g and with few optimisations a sanitizer build takes as long as a plain one.
 sanitizer_options=(-DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1)
@@ -57,7 +58,7 @@ tsan() {
     -DHP2_SANITIZE=thread "${sanitizer_options[@]}"
   export TSAN_OPTIONS="suppressions=$PWD/tests/tsan.supp:halt_on_error=0:exitcode=66:second_deadlock_stack=1"
   timed "unit tests with the thread sanitizer" run build-tsan -L unit -j "$(nproc)"
-  timed "integration tests with the thread sanitizer" run build-tsan -R 'integration.(four_processes|twin|injector|replay)'
+  timed "integration tests with the thread sanitizer" run build-tsan -L integration
 }
 
 fuzz_one() {

@@ -15,6 +15,8 @@ namespace {
 
 constexpr std::int64_t kSubmapsAhead = 3;
 constexpr int kOdometryQueue = 64;
+constexpr std::int64_t kLingerUs = 1'000'000;
+constexpr std::int64_t kBackendGoneUs = 5'000'000;
 constexpr std::int64_t kPairedUs = 2'000;
 
 }  // namespace
@@ -45,8 +47,8 @@ ViewerProcess::ViewerProcess(LcmBus& bus, const ViewerConfig& config, const View
       endpoint_(bus),
       presence_(endpoint_, "hp2_viewer_headless"),
       control_(endpoint_, "hp2_viewer_headless",
-               [this](const control_t& m, bool) {
-                 stop_ = stop_ || m.command == control_t::STOP;
+               [this](const control_t& m, bool named) {
+                 if (m.command == control_t::STOP) (named ? stop_ : stop_all_) = true;
                  export_now_ = export_now_ || m.command == control_t::EXPORT;
                }),
       graph_(endpoint_, {kGraphTopic, Inbox::Order::kLatest},
@@ -166,6 +168,12 @@ void ViewerProcess::report() {
   presence_.set(report);
 }
 
+// The back-end may have missed that everything is written.
+bool ViewerProcess::backend_waits() {
+  if (written_us_ == 0) written_us_ = bus_.now_us();
+  return presence_.live("hp2_backend") != nullptr && bus_.now_us() - written_us_ < kLingerUs;
+}
+
 bool ViewerProcess::tick() {
   endpoint_.poll();
   // Submaps that made no sense are asked for again.
@@ -176,10 +184,15 @@ bool ViewerProcess::tick() {
     state_.trajectory = std::move(trajectory);
     new_graph_.reset();
   }
-  graph_.acknowledge(graph_revision_ + 1, graph_revision_ + 1);
+  // Done with the last graph is who has written everything: until then the back-end stays.
+  const bool unwritten = state_.ended && !written_final_;
+  graph_.acknowledge(graph_revision_ + 1, graph_revision_ + (unwritten ? 0 : 1));
   trajectory_.acknowledge(trajectory_revision_ + 1, trajectory_revision_ + 1);
   submaps_.acknowledge(spool_.size(), spool_.size());
-  const bool stopping = stop_ || stop_signals() > 0;
+  // A command to all ends the session: it is written to its end while there is a back-end that has it.
+  if (graph_.offer() != nullptr) backend_us_ = bus_.now_us();
+  const bool stopping =
+      stop_ || stop_signals() > 0 || (stop_all_ && bus_.now_us() - backend_us_ > kBackendGoneUs);
   if (!writing_) {
     const bool due = options_.live_every_s > 0 && state_.revision != written_revision_ &&
                      bus_.now_us() - last_write_us_ > static_cast<std::int64_t>(options_.live_every_s * 1e6);
@@ -192,7 +205,8 @@ bool ViewerProcess::tick() {
   }
   report();
   presence_.poll();
-  if (writing_ || (!stopping && (options_.keep_running || !written_final_))) return true;
+  const bool stay = (options_.keep_running && !stop_all_) || !written_final_ || backend_waits();
+  if (writing_ || (!stopping && stay)) return true;
   exit_status_ = written_final_ ? 0 : 130;
   Report last = presence_.report();
   last.state = status_t::FINISHED;

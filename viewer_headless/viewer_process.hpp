@@ -45,6 +45,7 @@ class ViewerProcess {
  private:
   void on_odometry(const std::uint8_t* data, std::size_t size);
   bool complete() const;
+  bool backend_waits();
   void start_writing();
   void finish_writing();
   SessionView view();
@@ -62,8 +63,8 @@ class ViewerProcess {
   std::int64_t graph_revision_ = -1, trajectory_revision_ = -1, written_revision_ = -1;
   std::optional<GraphState> new_graph_;
   std::int64_t first_odometry_us_ = 0, last_odometry_us_ = 0;
-  std::int64_t last_write_us_ = 0, written_files_ = 0;
-  bool export_now_ = false, stop_ = false, written_final_ = false, writing_final_ = false;
+  std::int64_t last_write_us_ = 0, written_files_ = 0, written_us_ = 0, backend_us_ = 0;
+  bool export_now_ = false, stop_ = false, stop_all_ = false, written_final_ = false, writing_final_ = false;
 
   std::thread writer_;
   bool writing_ = false;

@@ -25,6 +25,8 @@ class Bus {
   virtual std::int64_t wall_us() const = 0;
   /// Datagrams of kPieceBytes that this process's receive buffer holds at once.
   virtual int receive_capacity() const = 0;
+  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer.
+  virtual std::int64_t dropped() const = 0;
 };
 
 /// Bytes of a message's piece: as much as LCM sends in one datagram (65499 bytes), with room for the headers.

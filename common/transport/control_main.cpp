@@ -1,5 +1,6 @@
 // hp2_control: who is on the bus, and commands to them.
 #include <cstdio>
+#include <functional>
 #include <map>
 #include <set>
 
@@ -17,11 +18,38 @@ namespace {
 using hp2::Error;
 
 constexpr std::int64_t kListenUs = 1'300'000;
+constexpr std::int64_t kRepeatUs = 50'000;
+constexpr std::int64_t kStopUs = 15'000'000, kTellAgainUs = 500'000, kSilentUs = 2'500'000;
+
+std::function<bool()> until(const hp2::LcmBus& bus, std::int64_t us) {
+  return [&bus, end = bus.now_us() + us] { return bus.now_us() < end; };
+}
+
+// Says it again until those who are meant have ended: a process that is busy, or stands still, loses
+// datagrams.
+void stop(hp2::LcmBus& bus, hp2::Endpoint& endpoint, const hp2::Presence& presence,
+          const hp2::control_t& command) {
+  std::set<std::string> left;
+  for (const std::int64_t end = bus.now_us() + kStopUs; bus.now_us() < end;) {
+    bus.run(until(bus, kTellAgainUs));
+    left.clear();
+    for (const auto& [id, peer] : presence.peers()) {
+      const auto& s = peer.status;
+      const bool meant =
+          s.session_id == command.session_id && (command.target.empty() || command.target == s.process);
+      const bool ended = s.state == hp2::status_t::FINISHED || s.state == hp2::status_t::FAILED ||
+                         bus.now_us() - peer.heard_us > kSilentUs;
+      if (meant && !ended) left.insert(s.process + ": " + s.text);
+    }
+    if (left.empty()) return;
+    endpoint.publish(hp2::kControlChannel, command);
+  }
+  for (const auto& who : left) std::printf("told to stop, not ended yet: %s\n", who.c_str());
+}
 
 // Processes heard in a little more than a second.
 std::map<std::int64_t, hp2::Peer> listen(hp2::LcmBus& bus, const hp2::Presence& presence) {
-  const std::int64_t end = bus.now_us() + kListenUs;
-  bus.run([&] { return bus.now_us() < end; });
+  bus.run(until(bus, kListenUs));
   return presence.peers();
 }
 
@@ -65,8 +93,8 @@ int main(int argc, char** argv) {
                                                     {"export", hp2::control_t::EXPORT}};
   app.add_option("COMMAND", command,
                  "list; check (does multicast work here?); pause, resume, step (the player); stop (the "
-                 "front-end ends "
-                 "the session); export (the viewer writes now)")
+                 "session is ended: what was registered is stored and written, then all leave); export (the "
+                 "viewer writes now)")
       ->required()
       ->check(CLI::IsMember({"list", "check", "pause", "resume", "step", "stop", "export"}));
   app.add_option("N", argument, "step: number of scans")->check(CLI::PositiveNumber);
@@ -77,7 +105,7 @@ int main(int argc, char** argv) {
       "Examples:\n"
       "  hp2_control list\n"
       "  hp2_control pause; hp2_control step 10; hp2_control resume\n"
-      "  hp2_control stop --target hp2_frontend     ends the session of a live sensor");
+      "  hp2_control stop                           ends the session, e.g. of a live sensor");
   CLI11_PARSE(app, argc, argv);
   return hp2::run_program("hp2_control", [&] {
     hp2::apply_common_options(common, nullptr);
@@ -109,9 +137,14 @@ int main(int argc, char** argv) {
     m.target = target;
     m.command = static_cast<std::int8_t>(kCommands.at(command));
     m.argument = argument;
-    // May be lost on the way; PAUSE, RESUME, STOP and EXPORT do no harm twice.
-    const int times = m.command == hp2::control_t::STEP ? 1 : 3;
-    for (int i = 0; i < times; ++i) endpoint.publish(hp2::kControlChannel, m);
+    endpoint.publish(hp2::kControlChannel, m);
+    if (m.command == hp2::control_t::STOP) {
+      stop(bus, endpoint, presence, m);
+    } else if (m.command != hp2::control_t::STEP) {
+      // May be lost on the way; PAUSE, RESUME and EXPORT do no harm twice.
+      bus.run(until(bus, kRepeatUs));
+      endpoint.publish(hp2::kControlChannel, m);
+    }
     return 0;
   });
 }

@@ -56,8 +56,14 @@ int granted_receive_buffer(const std::string& url) {
 
 struct LcmBus::Subscription {
   Callback callback;
+  std::exception_ptr& error;
+  // LCM is written in C: an exception must not pass through it.
   void handle(const lcm::ReceiveBuffer* buffer, const std::string& /*channel*/) {
-    callback(static_cast<const std::uint8_t*>(buffer->data), buffer->data_size);
+    try {
+      callback(static_cast<const std::uint8_t*>(buffer->data), buffer->data_size);
+    } catch (...) {
+      error = std::current_exception();
+    }
   }
 };
 
@@ -90,7 +96,7 @@ void LcmBus::publish(const std::string& channel, const void* data, std::size_t s
 }
 
 void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_capacity) {
-  auto subscription = std::make_unique<Subscription>(Subscription{std::move(callback)});
+  auto subscription = std::make_unique<Subscription>(Subscription{std::move(callback), error_});
   auto* handle = lcm_->lcm.subscribeFunction(
       channel,
       +[](const lcm::ReceiveBuffer* buffer, const std::string& name, Subscription* s) {
@@ -104,8 +110,14 @@ void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_
         "224.0.0.0/4 dev lo");
   }
   handle->setQueueCapacity(queue_capacity);
+  // LCM opens its receiving socket at the first subscription.
+  if (lcm_->subscriptions.empty() && url_.rfind("udpm://", 0) == 0 && !filter_.attach(url_)) {
+    spdlog::warn("LCM's receiving socket was not found: malformed datagrams are not kept away from it");
+  }
   lcm_->subscriptions.push_back(std::move(subscription));
 }
+
+std::int64_t LcmBus::dropped() const { return filter_.dropped(); }
 
 std::int64_t LcmBus::now_us() const {
   return std::chrono::duration_cast<std::chrono::microseconds>(
@@ -152,7 +164,9 @@ void LcmBus::run(const std::function<bool()>& tick) {
     const int wait_ms = static_cast<int>(std::max<std::int64_t>(0, next_tick - now_us() + 999) / 1000);
     if (::poll(fds, 2, wait_ms) <= 0) continue;
     if ((fds[1].revents & POLLIN) != 0) run_jobs();
-    if ((fds[0].revents & POLLIN) != 0) lcm_->lcm.handle();
+    if ((fds[0].revents & POLLIN) == 0) continue;
+    lcm_->lcm.handle();
+    if (error_) std::rethrow_exception(error_);
   }
 }
 

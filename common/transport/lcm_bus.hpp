@@ -1,6 +1,7 @@
 // The bus over LCM's UDP multicast, with the event loop of a process: one thread that handles messages,
 // timers and the jobs that worker threads post to it.
 #pragma once
+#include <exception>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -8,6 +9,7 @@
 #include <vector>
 
 #include "common/transport/bus.hpp"
+#include "common/transport/datagram_filter.hpp"
 
 namespace hp2 {
 
@@ -29,13 +31,15 @@ class LcmBus : public Bus {
   std::int64_t now_us() const override;
   std::int64_t wall_us() const override;
   int receive_capacity() const override { return receive_capacity_; }
+  std::int64_t dropped() const override;
 
   /// The URL in use.
   const std::string& url() const { return url_; }
 
   /// Runs `job` in the loop's thread, soon. Thread-safe.
   void post(std::function<void()> job);
-  /// Handles messages and posted jobs and calls `tick` every 5 ms, until `tick` returns false.
+  /// Handles messages and posted jobs and calls `tick` every 5 ms, until `tick` returns false. Throws what
+  /// they throw.
   void run(const std::function<bool()>& tick);
 
  private:
@@ -45,6 +49,8 @@ class LcmBus : public Bus {
 
   std::string url_;
   int receive_capacity_ = 2;
+  DatagramFilter filter_;
+  std::exception_ptr error_;  // thrown by a subscriber
   std::unique_ptr<Lcm> lcm_;
   int wake_fd_ = -1;
   std::mutex jobs_mutex_;

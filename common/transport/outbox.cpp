@@ -47,6 +47,13 @@ void Outbox::offer(std::int64_t first, std::int64_t next, bool ended, std::int8_
   if (changed) publish_offer();
 }
 
+void Outbox::forget_readers() {
+  done_id_ = wanted_id_ = reader_id_ = heard_us_ = 0;
+  over_ = false;
+  waiting_.clear();
+  everything_.clear();
+}
+
 void Outbox::publish_offer() {
   if (endpoint_.session_id() == 0) return;
   offer_.utime = endpoint_.bus().wall_us();

@@ -37,6 +37,8 @@ class Outbox {
   /// What can be fetched: ids in [first, next). Published at once if it differs from before, and 4 times a
   /// second.
   void offer(std::int64_t first, std::int64_t next, bool ended, std::int8_t pacing = offer_t::LOCKSTEP);
+  /// Forgets what readers have said: the messages are numbered anew.
+  void forget_readers();
   /// For pieces sent without a session, so that a recording of them can be played into any session.
   void send_for_any_session() { any_session_ = true; }
 

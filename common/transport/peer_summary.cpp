@@ -35,4 +35,8 @@ nlohmann::ordered_json peers_as_json(const Presence& presence) {
 
 nlohmann::ordered_json warnings_as_json(const Presence& presence) { return presence.warnings(); }
 
+std::string as_text(const nlohmann::ordered_json& json) {
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
 }  // namespace hp2

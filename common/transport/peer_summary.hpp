@@ -13,4 +13,7 @@ nlohmann::ordered_json peers_as_json(const Presence& presence);
 /// All remarks on the data, as an array of strings.
 nlohmann::ordered_json warnings_as_json(const Presence& presence);
 
+/// On one line. What is no UTF-8 (others may send anything) is replaced.
+std::string as_text(const nlohmann::ordered_json& json);
+
 }  // namespace hp2

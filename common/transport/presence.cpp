@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <tuple>
 #include <unistd.h>
 
 #include <spdlog/spdlog.h>
@@ -25,6 +26,13 @@ constexpr int kStatusQueue = 64;
 std::string host_name() {
   std::array<char, 256> name{};
   return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
+}
+
+// Control characters would speak to the terminal of whoever lists the processes.
+void make_printable(std::string& text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
 }
 
 }  // namespace
@@ -87,6 +95,7 @@ void Presence::poll(bool force) {
   const std::int64_t now = endpoint_.bus().now_us();
   if (!force && now - last_us_ < kPeriodUs) return;
   last_us_ = now;
+  endpoint_.counters()["datagrams_dropped"] = endpoint_.bus().dropped();
   if (!history_.empty() && report_.done < history_.back().second) history_.clear();
   history_.emplace_back(now, report_.done);
   while (now - history_.front().first > kRateWindowUs) history_.pop_front();
@@ -105,9 +114,15 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
     return endpoint_.reject(kStatusChannel, "longer than any process writes");
   }
   if (m.sender_id == endpoint_.sender_id()) return;
+  for (auto* text : {&m.process, &m.text, &m.host, &m.version}) make_printable(*text);
+  for (auto& counter : m.counters) make_printable(counter.name);
   if (peers_.size() >= kMostPeers && peers_.count(m.sender_id) == 0) {
-    peers_.erase(std::min_element(peers_.begin(), peers_.end(), [](const auto& a, const auto& b) {
-      return a.second.heard_us < b.second.heard_us;
+    // Whoever floods the channel does not drive out this session's processes.
+    const auto worth = [this](const Peer& p) {
+      return std::make_tuple(p.status.session_id == endpoint_.session_id(), std::min(p.times, 3), p.heard_us);
+    };
+    peers_.erase(std::min_element(peers_.begin(), peers_.end(), [&](const auto& a, const auto& b) {
+      return worth(a.second) < worth(b.second);
     }));
   }
   if (m.text.rfind(kWarningMark, 0) == 0 && m.session_id == endpoint_.session_id()) {
@@ -116,19 +131,26 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
     if (!known && all_warnings_.size() < 4 * kMostWarnings) all_warnings_.push_back(warning);
   }
   const std::int64_t sender = m.sender_id;
-  peers_[sender] = Peer{std::move(m), endpoint_.bus().now_us()};
+  Peer& peer = peers_[sender];
+  peer = Peer{std::move(m), endpoint_.bus().now_us(), peer.times + 1};
 }
 
-const Peer* Presence::live(const std::string& name) const {
+std::vector<const Peer*> Presence::all_live(const std::string& name) const {
   const std::int64_t now = endpoint_.bus().now_us();
+  std::vector<const Peer*> all;
   for (const auto& [id, peer] : peers_) {
     const bool ended = peer.status.state == status_t::FINISHED || peer.status.state == status_t::FAILED;
     if (peer.status.process == name && peer.status.session_id == endpoint_.session_id() && !ended &&
         now - peer.heard_us < kLiveUs) {
-      return &peer;
+      all.push_back(&peer);
     }
   }
-  return nullptr;
+  return all;
+}
+
+const Peer* Presence::live(const std::string& name) const {
+  const auto all = all_live(name);
+  return all.empty() ? nullptr : all.front();
 }
 
 }  // namespace hp2

@@ -23,6 +23,7 @@ struct Report {
 struct Peer {
   status_t status;
   std::int64_t heard_us = 0;
+  int times = 0;  ///< So often was it heard.
 };
 
 /// Publishes STATUS and keeps the others' last words. Belongs to the bus's thread.
@@ -44,10 +45,13 @@ class Presence {
   /// Publishes what is due. @param force publishes now
   void poll(bool force = false);
 
-  /// Processes heard, by sender id; at most 64, the longest silent ones are forgotten first.
+  /// Processes heard, by sender id; at most 64: those of other sessions are forgotten first, then those
+  /// heard once, then the longest silent ones.
   const std::map<std::int64_t, Peer>& peers() const { return peers_; }
-  /// A process `name` of this session that spoke in the last 1.5 s and has not said that it ended, other than
-  /// this one.
+  /// Processes `name` of this session that spoke in the last 1.5 s and have not said that they ended, other
+  /// than this one.
+  std::vector<const Peer*> all_live(const std::string& name) const;
+  /// One of them; null if there is none.
   const Peer* live(const std::string& name) const;
   /// This process's own status as it stands.
   status_t status() const;

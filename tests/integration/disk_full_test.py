@@ -1,7 +1,35 @@
-"""The disk is full: a clear message, what was committed stays readable, and the session goes on when there is room."""
+"""The disk is full: a clear message, what was committed stays readable, and the session goes on when there is room. The
+session's folder is read-only, its file is damaged: clear messages."""
 from harness import *
 
 DATA = "synthetic:block"
+
+
+def refused(run, *words):
+    run.processes.pop("backend", None)
+    backend = run.start("refused", "--session", run.session, "--lcm-url", run.url, program="hp2_backend")
+    expect(backend.wait(20) == 1, f"the back-end ended with status {backend.returncode}")
+    said = run.log("refused").split("hp2_backend: error: ")[-1].strip()
+    print("    " + said)
+    for word in words:
+        expect(word in said, f'the message does not say "{word}"')
+    run.processes.pop("refused")
+
+
+def cannot_be_opened(run):
+    """A read-only folder, then a page in the middle of the file that holds rubbish."""
+    subprocess.run(["mount", "-o", "remount,ro", str(run.session)], check=True)
+    refused(run, "cannot be written", "permission")
+    again = run.folder / "again"
+    subprocess.run([BIN / "hp2_viewer_headless", "--session", run.session, "--out", again], check=True,
+                   stdout=subprocess.DEVNULL)
+    expect((again / "poses_tum.txt").read_bytes() == (run.out / "poses_tum.txt").read_bytes(),
+           "the poses read from a read-only session differ")
+    subprocess.run(["mount", "-o", "remount,rw", str(run.session)], check=True)
+    with open(run.session / "session.sqlite", "r+b") as file:
+        file.seek(5 * 4096)
+        file.write(os.urandom(4096 * 20))
+    refused(run, "damaged", "session.sqlite", ".recover")
 
 
 def test():
@@ -29,6 +57,7 @@ def test():
             check_complete(run, len(plain.poses()))
             expect(same_poses(plain, run), "the poses differ after the disk was full")
             run.check_session()
+            cannot_be_opened(run)
         finally:
             for process in run.processes.values():
                 if process.poll() is None:

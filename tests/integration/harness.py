@@ -2,6 +2,7 @@
 
 Python 3 standard library only. A test is a script that imports this module, calls enter_namespace() first, and exits
 with status 0 (passed), 77 (skipped) or anything else (failed)."""
+import contextlib
 import json
 import math
 import os
@@ -21,6 +22,7 @@ import time
 SKIPPED = 77
 BIN = pathlib.Path(os.environ.get("HP2_BIN", "build/bin"))
 SCRIPTS = pathlib.Path(__file__).resolve().parents[2] / "scripts"
+SLOWER = float(os.environ.get("HP2_SLOWER", "1"))  # how many times as long everything may take (sanitizers)
 URL = "udpm://239.255.76.67:7667?ttl=0"
 
 
@@ -45,6 +47,20 @@ class Failure(Exception):
 def expect(condition, message):
     if not condition:
         raise Failure(message)
+
+
+class Patience:
+    """Seconds that count only while this program runs: a machine that was suspended meanwhile is no failure."""
+
+    def __init__(self, seconds):
+        self.left = seconds * SLOWER
+        self.now = time.monotonic()
+
+    def lasts(self):
+        now = time.monotonic()
+        self.left -= min(now - self.now, 0.5)
+        self.now = now
+        return self.left > 0
 
 
 class Run:
@@ -100,12 +116,15 @@ class Run:
 
     def wait(self, seconds, *names):
         """Waits until the named processes (default: all) have ended with status 0."""
-        end = time.monotonic() + seconds
+        patience = Patience(seconds)
         for name in names or list(self.processes):
-            try:
-                status = self.processes[name].wait(max(0.1, end - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                raise Failure(f"{name} has not ended after {seconds} s") from None
+            status = None
+            while status is None:
+                expect(patience.lasts(), f"{name} has not ended after {seconds} s")
+                try:
+                    status = self.processes[name].wait(0.2)
+                except subprocess.TimeoutExpired:
+                    pass
             expect(status == 0, f"{name} ended with status {status}")
 
     def log(self, name):
@@ -113,9 +132,9 @@ class Run:
         return path.read_text(errors="replace") if path.exists() else ""
 
     def wait_for_log(self, name, text, seconds):
-        end = time.monotonic() + seconds
+        patience = Patience(seconds)
         while text not in self.log(name):
-            expect(time.monotonic() < end, f'{name} has not said "{text}" after {seconds} s')
+            expect(patience.lasts(), f'{name} has not said "{text}" after {seconds} s')
             time.sleep(0.02)
 
     def poses(self):
@@ -128,7 +147,7 @@ class Run:
 
     def check_session(self):
         """integrity_check of the stored session."""
-        with sqlite3.connect(f"file:{self.session / 'session.sqlite'}?mode=ro", uri=True) as db:
+        with contextlib.closing(sqlite3.connect(f"file:{self.session / 'session.sqlite'}?mode=ro", uri=True)) as db:
             expect(db.execute("pragma integrity_check").fetchall() == [("ok",)], "integrity_check of the session failed")
 
     def all_four(self, data, *player_arguments, seconds=240, frontend_arguments=()):
@@ -170,11 +189,11 @@ class Odometry(threading.Thread):
 
     def wait_for(self, sequence, seconds, alive=None):
         """Waits until this scan is registered, or `alive` is no longer running; returns whether it was."""
-        end = time.monotonic() + seconds
+        patience = Patience(seconds)
         while self.sequence < sequence:
             if alive is not None and alive.poll() is not None:
                 return False
-            expect(time.monotonic() < end, f"scan {sequence} is not registered after {seconds} s (at {self.sequence})")
+            expect(patience.lasts(), f"scan {sequence} is not registered after {seconds} s (at {self.sequence})")
             time.sleep(0.002)
         return True
 
@@ -210,5 +229,5 @@ def main(test):
     print(f"passed in {time.monotonic() - started:.1f} s")
 
 
-__all__ = ["math", "struct", "BIN", "SCRIPTS", "SKIPPED", "URL", "Failure", "Odometry", "Run", "ate", "check_complete", "enter_namespace", "expect", "main",
+__all__ = ["math", "struct", "BIN", "SCRIPTS", "SKIPPED", "URL", "Failure", "Odometry", "Patience", "Run", "ate", "check_complete", "enter_namespace", "expect", "main",
            "os", "pathlib", "random", "same_poses", "shutil", "signal", "sqlite3", "subprocess", "sys", "time"]

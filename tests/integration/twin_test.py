@@ -1,4 +1,5 @@
-"""A second front-end on a session is refused with a message, a second viewer is welcome; pause, step and resume."""
+"""A second front-end on a session is refused with a message, a second viewer is welcome; pause, step and resume; one
+command to all ends the session with everything stored."""
 from harness import *
 
 DATA = "synthetic:tiny"
@@ -9,7 +10,62 @@ def control(run, *words):
     subprocess.run([BIN / "hp2_control", *map(str, words), "--lcm-url", run.url], check=True)
 
 
+def stop_all():
+    """The back-end hears the command before it has the last submap."""
+    with Run() as run:
+        odometry = Odometry()
+        backend = run.start("backend", "--session", run.session)  # would stay for viewers
+        run.viewer("--keep-running")
+        run.frontend()
+        run.player("synthetic:block", "--rate", 4)
+        odometry.wait_for(100, 60)
+        backend.send_signal(signal.SIGSTOP)
+        run.start("control", "stop")
+        run.wait_for_log("frontend", "cutting the last submap", 10)
+        time.sleep(1.0)
+        backend.send_signal(signal.SIGCONT)
+        run.wait(60)
+        poses = len(run.poses())
+        print(f"stopped by one command at scan {odometry.sequence}: {poses} poses")
+        expect(odometry.count <= poses < 444, f"{poses} poses for {odometry.count} registered scans")
+        run.check_session()
+        with sqlite3.connect(run.session / "session.sqlite") as db:
+            expect(db.execute("select ended from graph").fetchall() == [(1,)], "the session has not been ended")
+
+
+def stop_before_the_first_scan():
+    with Run() as run:
+        run.backend()
+        run.viewer()
+        run.frontend()
+        run.player(DATA, "--start-paused")
+        run.wait_for_log("player", "paused", 20)
+        control(run, "stop")
+        run.wait(30)
+
+
+def two_at_once():
+    """Which of two front-ends that begin at the same moment stays is for them to find out."""
+    with Run() as run:
+        run.backend()
+        run.viewer()
+        pair = [run.start(name, "--lcm-url", run.url, program="hp2_frontend") for name in ("one", "two")]
+        patience = Patience(20)
+        while all(p.poll() is None for p in pair):
+            expect(patience.lasts(), "both front-ends stay")
+            time.sleep(0.05)
+        time.sleep(2.0)
+        expect(sorted(str(p.poll()) for p in pair) == ["1", "None"], "not exactly one front-end has left")
+        run.processes.pop("one" if pair[0].poll() == 1 else "two")
+        run.player(DATA)
+        run.wait(60)
+        check_complete(run, SCANS)
+
+
 def test():
+    stop_all()
+    stop_before_the_first_scan()
+    two_at_once()
     with Run() as plain, Run() as run:
         plain.all_four(DATA)
         odometry = Odometry()

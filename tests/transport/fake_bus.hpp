@@ -24,6 +24,7 @@ class FakeBus : public Bus {
   std::int64_t now_us() const override;
   std::int64_t wall_us() const override { return now_us(); }
   int receive_capacity() const override { return 3; }
+  std::int64_t dropped() const override { return 0; }
 
  private:
   friend class FakeNetwork;

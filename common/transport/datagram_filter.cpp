@@ -1,0 +1,96 @@
+#include "common/transport/datagram_filter.hpp"
+
+#include <array>
+#include <cstdlib>
+#include <filesystem>
+#include <linux/filter.h>
+#include <linux/sock_diag.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <vector>
+
+namespace hp2 {
+namespace {
+
+// Offsets from the UDP header, where the kernel's filter begins to count. LCM's headers: "LC02", number; or
+// "LC03", number, size of the message, offset of the fragment, number of the fragment, number of fragments.
+constexpr std::uint32_t kMagic = 8, kShortChannel = 16, kSize = 16, kOffset = 20, kFragment = 24,
+                        kFragments = 26, kLongChannel = 28;
+constexpr std::uint32_t kShort = 0x4c433032, kLong = 0x4c433033;
+constexpr std::uint32_t kMostBytes = std::uint32_t{1} << 28;  // of a message, as LCM has it
+constexpr std::uint32_t kLongestName = 63;
+
+// A load past the end of the datagram ends the program with "drop".
+std::vector<sock_filter> program() {
+  constexpr std::uint16_t kLoad = BPF_LD | BPF_W | BPF_ABS, kLoadHalf = BPF_LD | BPF_H | BPF_ABS;
+  constexpr std::uint16_t kEqual = BPF_JMP | BPF_JEQ | BPF_K;
+  constexpr std::uint32_t kScan = 14, kDrop = kScan + 2 * (kLongestName + 1), kAccept = kDrop + 1;
+  std::vector<sock_filter> p;
+  const auto to = [&p](std::uint32_t target) { return static_cast<std::uint8_t>(target - p.size() - 1); };
+  p.push_back({kLoad, 0, 0, kMagic});
+  p.push_back({kEqual, to(11), 0, kShort});
+  p.push_back({kEqual, 0, to(kDrop), kLong});
+  p.push_back({kLoad, 0, 0, kSize});
+  p.push_back({BPF_JMP | BPF_JGT | BPF_K, to(kDrop), 0, kMostBytes});
+  p.push_back({BPF_MISC | BPF_TAX, 0, 0, 0});
+  p.push_back({kLoad, 0, 0, kOffset});
+  p.push_back({BPF_JMP | BPF_JGT | BPF_X, to(kDrop), 0, 0});
+  p.push_back({kLoadHalf, 0, 0, kFragments});
+  p.push_back({kLoadHalf, 0, 0, kFragment});
+  p.push_back({kEqual, to(13), to(kAccept), 0});  // the first fragment has the channel's name
+  p.push_back({BPF_LDX | BPF_W | BPF_IMM, 0, 0, kShortChannel});
+  p.push_back({BPF_JMP | BPF_JA, 0, 0, kScan - 13});
+  p.push_back({BPF_LDX | BPF_W | BPF_IMM, 0, 0, kLongChannel});
+  for (std::uint32_t i = 0; i <= kLongestName; ++i) {
+    p.push_back({BPF_LD | BPF_B | BPF_IND, 0, 0, i});
+    p.push_back({kEqual, to(kAccept), 0, 0});
+  }
+  p.push_back({BPF_RET | BPF_K, 0, 0, 0});
+  p.push_back({BPF_RET | BPF_K, 0, 0, 0x7fffffff});
+  return p;
+}
+
+int port_of(const std::string& url) {
+  const std::string scheme = "udpm://";
+  if (url.rfind(scheme, 0) != 0) return -1;
+  const auto end = url.find('?');
+  const auto colon = url.find(':', scheme.size());
+  return colon < end ? std::atoi(url.c_str() + colon + 1) : 7667;
+}
+
+// LCM does not tell its sockets: it is the one that is bound to the port.
+int socket_bound_to(int port) {
+  std::error_code ec;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", ec)) {
+    const int fd = std::atoi(entry.path().filename().c_str());
+    sockaddr_in address{};
+    socklen_t size = sizeof address;
+    int type = 0;
+    socklen_t type_size = sizeof type;
+    if (::getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_size) != 0 || type != SOCK_DGRAM) continue;
+    if (::getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) continue;
+    if (address.sin_family == AF_INET && ntohs(address.sin_port) == port) return fd;
+  }
+  return -1;
+}
+
+}  // namespace
+
+bool DatagramFilter::attach(const std::string& url) {
+  const int port = port_of(url);
+  if (port <= 0) return false;
+  fd_ = socket_bound_to(port);
+  if (fd_ < 0) return false;
+  auto instructions = program();
+  const sock_fprog filter{static_cast<unsigned short>(instructions.size()), instructions.data()};
+  return ::setsockopt(fd_, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;
+}
+
+std::int64_t DatagramFilter::dropped() const {
+  std::array<std::uint32_t, SK_MEMINFO_VARS> values{};
+  socklen_t size = sizeof values;
+  if (fd_ < 0 || ::getsockopt(fd_, SOL_SOCKET, SO_MEMINFO, values.data(), &size) != 0) return 0;
+  return values[SK_MEMINFO_DROPS];
+}
+
+}  // namespace hp2

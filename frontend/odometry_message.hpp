@@ -1,0 +1,12 @@
+// What the front-end says of a scan, as odometry_t.
+#pragma once
+#include <hp2/odometry_t.hpp>
+
+#include "frontend/frontend.hpp"
+
+namespace hp2 {
+
+/// All but the session, the sender and the number of the message.
+odometry_t to_message(const OdometryResult& result);
+
+}  // namespace hp2
