@@ -8,27 +8,8 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
-#ifdef __SANITIZE_THREAD__
-#include <sanitizer/tsan_interface.h>
-#endif
 
 namespace hp2 {
-
-/// The thread sanitizer does not see how TBB, whose library is not built with it, hands work to its threads
-/// and back: it is told. What the blocks of one loop do to each other it still finds.
-class HandOver {
- public:
-#ifdef __SANITIZE_THREAD__
-  void give() const { __tsan_release(const_cast<HandOver*>(this)); }
-  void take() const { __tsan_acquire(const_cast<HandOver*>(this)); }
-
- private:
-  char address_ = 0;
-#else
-  void give() const {}
-  void take() const {}
-#endif
-};
 
 /// Runs loops on a fixed number of threads.
 class Parallel {
@@ -53,19 +34,14 @@ class Parallel {
       for (std::size_t b = 0; b < blocks; ++b) run(b);
       return;
     }
-    const HandOver to_threads, back;
-    to_threads.give();
     arena_->execute([&] {
       tbb::parallel_for(
           tbb::blocked_range<std::size_t>(0, blocks, 1),
           [&](const tbb::blocked_range<std::size_t>& r) {
-            to_threads.take();
             for (std::size_t b = r.begin(); b != r.end(); ++b) run(b);
-            back.give();
           },
           tbb::simple_partitioner());
     });
-    back.take();
   }
 
  private:

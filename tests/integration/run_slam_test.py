@@ -46,10 +46,10 @@ class Script:
 
     def wait_for(self, what, seconds=60):
         """Waits until `what()` is true."""
-        end = time.monotonic() + seconds
+        patience = Patience(seconds)
         while not what():
             expect(self.process.poll() is None, f"the run has ended early:\n{self.text()}")
-            expect(time.monotonic() < end, f"nothing after {seconds} s:\n{self.text()}")
+            expect(patience.lasts(), f"nothing after {seconds} s:\n{self.text()}")
             time.sleep(0.02)
 
     def submaps_stored(self):
@@ -59,11 +59,12 @@ class Script:
     def end(self, seconds):
         """Waits for the end; returns status and text."""
         since = time.monotonic()
-        try:
-            status = self.process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            self.process.send_signal(signal.SIGTERM)
-            raise Failure(f"not ended after {seconds} s:\n{self.text()}") from None
+        patience = Patience(seconds)
+        while (status := self.process.poll()) is None:
+            if not patience.lasts():
+                self.process.send_signal(signal.SIGTERM)
+                raise Failure(f"not ended after {seconds} s:\n{self.text()}")
+            time.sleep(0.02)
         print(f"    [status {status} after {time.monotonic() - since:.1f} s] "
               + "\n      ".join(self.text().replace("\r", "\n").strip().splitlines()[-3:]))
         left = [p for p in self.pids() if p]
