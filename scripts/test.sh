@@ -4,7 +4,7 @@
 #   scripts/test.sh --sanitize   unit tests with address and undefined-behaviour sanitizers (build-asan/)
 #   scripts/test.sh --fuzz       fuzz targets, HP2_FUZZ_SECONDS (60) each, two at a time (build-asan/; needs clang)
 #   scripts/test.sh --tsan       unit and integration tests with the thread sanitizer (build-tsan/); takes an hour
-#   scripts/test.sh --long       integration tests that take minutes each: losses, two hosts, a stalled back-end, overload, hostile input
+#   scripts/test.sh --long       integration tests that take minutes each: two hosts, overload, hostile input
 #   scripts/test.sh --all        the first three: what CI runs
 # More words go to ctest, e.g. scripts/test.sh -R transport
 set -euo pipefail
