@@ -148,14 +148,18 @@ RegistrationEvent RegistrationWorker::run(Job job, std::vector<Parcel>& parcels)
       FrontendOutput output = frontend_->process(*job.scan.scan);
       event.odometry = output.odometry;
       if (output.finished_submap) {
-        parcels.push_back({0, 0, std::move(output.finished_submap), frontend_->save_state(), ends, false});
+        parcels.push_back({0, 0, std::move(output.finished_submap), frontend_->save_state(), false, false});
       }
     }
   }
   if (ends) {
     Parcel end;
     end.submap = frontend_->finish();
-    if (end.submap) end.state = frontend_->save_state();
+    if (end.submap) {
+      end.state = frontend_->save_state();
+    } else if (!parcels.empty()) {
+      parcels.back().last = true;
+    }
     end.last = end.ended = true;
     parcels.push_back(std::move(end));
   }
