@@ -8,25 +8,17 @@
 
 #include "common/byte_io.hpp"
 #include "common/error.hpp"
-#include "frontend/adaptive_scale.hpp"
 #include "frontend/deskew.hpp"
-#include "frontend/hybrid_icp.hpp"
-#include "frontend/local_map.hpp"
-#include "frontend/motion_model.hpp"
+#include "frontend/frontend_impl.hpp"
 #include "frontend/odometry_covariance.hpp"
-#include "frontend/parallel.hpp"
-#include "frontend/preprocess.hpp"
-#include "frontend/submap_builder.hpp"
 
 namespace hp2 {
 namespace {
 
-constexpr std::uint32_t kStateVersion = 2;
+constexpr std::uint32_t kStateVersion = 3;
 // Below this ratio of the information's eigenvalues the position along some direction is little more than
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
-// Fewer source points than this share near the map after a gap: the sensor is somewhere else.
-constexpr double kLostInliers = 0.7;
 // Below this one the state says so.
 constexpr double kDegenerate = 0.03;
 
@@ -44,59 +36,6 @@ class Clock {
 };
 
 }  // namespace
-
-class Frontend::Impl {
- public:
-  Impl(const FrontendConfig& config, int threads)
-      : config_(config),
-        parallel_(threads),
-        preprocessor_(
-            {config.min_range_m, config.max_range_m, config.map_point_voxel_m, config.source_voxel_m}),
-        map_(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m),
-        icp_(icp_config(config)),
-        scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window),
-        builder_(config.submap_voxel_m) {
-    validate(config);
-  }
-
-  FrontendOutput process(const Scan& scan);
-  std::optional<Submap> finish() { return builder_.finish(); }
-  std::vector<std::uint8_t> save_state() const;
-  void restore_state(const std::vector<std::uint8_t>& state);
-  std::vector<std::string> take_warnings() { return std::exchange(warnings_, {}); }
-
- private:
-  bool usable_times(const Scan& scan);
-  void warn_once(unsigned bit, const std::string& text);
-  void deskew(const Vector6d& sweep_twist);
-  void deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
-                std::vector<Eigen::Vector3f>& out) const;
-  double submap_length_m() const;
-  bool astray(std::int64_t utime, double sigma, IcpResult& icp);
-  void begin_anew();
-  IcpResult moving_start(const Scan& scan, double sigma);
-  IcpResult settle_start(const Scan& scan, IcpResult icp, double sigma, HybridIcp& aligner);
-
-  FrontendConfig config_;
-  Parallel parallel_;
-  Preprocessor preprocessor_;
-  LocalMap map_;
-  HybridIcp icp_;
-  AdaptiveScale scale_;
-  MotionModel motion_;
-  SubmapBuilder builder_;
-  std::int64_t last_sequence_ = -1;
-  double seen_range_m_ = 100.0;  // RMS distance of the last registered points
-  bool moved_ = false;
-  Eigen::Vector3d evicted_at_ = Eigen::Vector3d::Zero();  // where the map was last cut to its radius
-  unsigned warned_ = 0;
-  std::vector<std::string> warnings_;
-
-  // Buffers kept from scan to scan.
-  PreprocessedScan cloud_;
-  PreprocessedScan first_cloud_;  // of the first scan, until the second has told how fast the sensor was then
-  std::vector<Eigen::Vector3f> points_, source_;
-};
 
 void Frontend::Impl::warn_once(unsigned bit, const std::string& text) {
   if (warned_ & (1U << bit)) return;
@@ -151,71 +90,6 @@ void Frontend::Impl::deskewed(const PreprocessedScan& cloud, const Vector6d& swe
   });
 }
 
-// After a gap the prediction may be far off: true if the scan does not lie on the map, neither where it was
-// registered from the prediction nor, should the sensor have stood still meanwhile, from the last pose.
-bool Frontend::Impl::astray(std::int64_t utime, double sigma, IcpResult& icp) {
-  if (!motion_.is_gap(utime) || icp.inlier_ratio >= kLostInliers) return false;
-  const IcpResult still = icp_.align(map_, source_, motion_.last_pose(), sigma, parallel_);
-  if (still.inlier_ratio > icp.inlier_ratio) icp = still;
-  if (icp.inlier_ratio >= kLostInliers) return false;
-  warnings_.push_back(
-      "tracking was lost: " + std::to_string(motion_.interval_us(utime) / 1000) +
-      " ms without a scan, and then nothing fits the map; a new piece of map begins, which the "
-      "back-end joins when a place is seen again");
-  return true;
-}
-
-// The present scan is a first one: of a new local map, at a speed that is not known.
-void Frontend::Impl::begin_anew() {
-  map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-  scale_ = AdaptiveScale(config_.initial_sigma_m, config_.min_sigma_m, config_.sigma_window);
-  moved_ = false;
-  motion_.restart();
-  first_cloud_ = cloud_;
-}
-
-// The sensor may be at full speed in its first scan, which could not be deskewed, and the second has no
-// prediction. Once the second is registered, the speed is known: both are deskewed by it, the map is made
-// again, and so on. Point-to-point reaches farther than planes do, so mode robust tries it as well and takes
-// what fits clearly better.
-IcpResult Frontend::Impl::moving_start(const Scan& scan, double sigma) {
-  constexpr double kBetter = 1.01;
-  const Pose first = motion_.last_pose();
-  IcpResult icp = icp_.align(map_, source_, first, sigma, parallel_);
-  icp = settle_start(scan, icp, sigma, icp_);
-  if (icp_.config().mode == IcpMode::kRobust) {
-    IcpConfig points = icp_.config();
-    points.mode = IcpMode::kPointToPoint;
-    HybridIcp point_icp(points);
-    IcpResult other = point_icp.align(map_, source_, first, sigma, parallel_);
-    other = settle_start(scan, other, sigma, point_icp);
-    other = icp_.align(map_, source_, other.map_from_source, sigma, parallel_);
-    icp = other.fit > kBetter * icp.fit ? other : settle_start(scan, icp, sigma, icp_);
-  }
-  first_cloud_ = PreprocessedScan();
-  return icp;
-}
-
-// Registers the second scan from `icp` on, deskewing both scans by what comes out.
-IcpResult Frontend::Impl::settle_start(const Scan& scan, IcpResult icp, double sigma, HybridIcp& aligner) {
-  constexpr int kRounds = 3;
-  const Pose first = motion_.last_pose();
-  const double per_sweep = motion_.sweep_share(scan.duration_us, scan.utime_end());
-  std::vector<Eigen::Vector3f> first_points;
-  for (int round = 0; round < kRounds; ++round) {
-    if (!first_cloud_.time.empty()) {
-      const Vector6d twist = per_sweep * se3_log(first.inverse() * icp.map_from_source);
-      deskewed(first_cloud_, twist, first_points);
-      map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-      map_.insert(first_points, first, parallel_);
-      deskew(twist);
-    }
-    icp = aligner.align(map_, source_, icp.map_from_source, sigma, parallel_);
-    if (first_cloud_.time.empty()) break;
-  }
-  return icp;
-}
-
 // beta. Where the sensor sees little, places differ sooner: indoors submaps are shorter.
 double Frontend::Impl::submap_length_m() const {
   constexpr double kOutdoors = 25.0, kIndoors = 15.0, kIndoorRange = 12.0;
@@ -246,7 +120,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   o.diagnostics.ms[0] = clock.lap_ms();
 
   Pose pose = predicted;
-  const double sigma = scale_.sigma_m();
+  const double prediction_error = scale_.sigma_m();
+  const double sigma = std::min(prediction_error, config_.max_sigma_m);
   o.diagnostics.sigma = static_cast<float>(sigma);
   if (source_.empty()) {
     warn_once(5,
@@ -257,6 +132,7 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     const bool second = !first_cloud_.points.empty();
     IcpResult icp =
         second ? moving_start(scan, sigma) : icp_.align(map_, source_, predicted, sigma, parallel_, &prior);
+    if (!second && prediction_error > config_.max_sigma_m) search_around(icp, sigma, prior);
     // The registration tells how the sensor really moved in the sweep: where that differs from the
     // prediction, the points are moved accordingly and registered once more.
     for (int pass = 0; !second && pass < config_.redeskew_passes && !cloud_.time.empty(); ++pass) {
@@ -280,6 +156,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     } else {
       pose = icp.map_from_source;
       motion_.learn(prior, pose, icp.information);
+      constexpr double kMemory = 0.95;
+      usual_fit_ = kMemory * usual_fit_ + (1.0 - kMemory) * icp.fit;
       seen_range_m_ = icp.mean_range_m;
     }
     o.n_planar = icp.n_planar;
@@ -337,6 +215,7 @@ std::vector<std::uint8_t> Frontend::Impl::save_state() const {
   out.put(config_.max_points_per_voxel);
   out.put(last_sequence_);
   out.put(static_cast<std::uint8_t>(moved_));
+  out.put(usual_fit_);
   out.put(warned_);
   out.put(seen_range_m_);
   out.put(evicted_at_);
@@ -361,6 +240,8 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
   }
   last_sequence_ = in.take<std::int64_t>();
   moved_ = in.take<std::uint8_t>() != 0;
+  usual_fit_ = in.take<double>();
+  if (!(usual_fit_ >= 0.0 && usual_fit_ <= 1.0)) in.fail("usual fit");
   warned_ = in.take<unsigned>();
   seen_range_m_ = in.take<double>();
   evicted_at_ = in.take<Eigen::Vector3d>();

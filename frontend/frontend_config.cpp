@@ -53,6 +53,10 @@ ConfigSection frontend_section(FrontendConfig& c) {
         0.0, 1.0);
   s.add("initial_sigma_m", c.initial_sigma_m, "sigma until the sensor has moved [m]", 0.01, 100.0);
   s.add("min_sigma_m", c.min_sigma_m, "sigma never falls below this [m]", 0.001, 10.0);
+  s.add("max_sigma_m", c.max_sigma_m,
+        "sigma never rises above this [m]; where predictions are worse, mode robust registers from other "
+        "guesses as well",
+        0.01, 1000.0);
   s.add("sigma_window", c.sigma_window, "Motion errors that sigma is the RMS of", 1, 100000);
   s.add("submap_length_m", c.submap_length_m,
         "Travel after which a submap is cut, beta [m]; the paper's is 100; 0: 25, or 15 where the sensor "
@@ -66,6 +70,9 @@ void validate(const FrontendConfig& c) {
   if (c.min_range_m >= c.max_range_m) {
     throw Error("min_range_m is not below max_range_m", "configuration, section \"frontend\"",
                 "Raise max_range_m or lower min_range_m.");
+  }
+  if (c.min_sigma_m > c.max_sigma_m) {
+    throw Error("min_sigma_m is above max_sigma_m", "configuration, section \"frontend\"", "Swap them.");
   }
   if (c.tau_min > c.tau_max) {
     throw Error("tau_min is above tau_max", "configuration, section \"frontend\"", "Swap them.");

@@ -34,6 +34,7 @@ struct FrontendConfig {
   double min_eigenvalue_ratio = 1e-4;
   double initial_sigma_m = 2.0;
   double min_sigma_m = 0.1;
+  double max_sigma_m = 2.0;
   int sigma_window = 100;
   double submap_length_m = 0.0;
   double submap_voxel_m = 0.5;

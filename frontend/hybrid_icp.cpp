@@ -34,7 +34,8 @@ double robust_weight(double squared_error, double c2) {
 
 constexpr std::size_t kFewPoints = 800;  // of which no part is left out
 constexpr std::size_t kCoarseStride = 4;
-constexpr float kEmptyMove = 0.2F;  // of a voxel
+constexpr double kFit2 = 0.5 * 0.5;  // [m^2], scale of IcpResult::fit
+constexpr float kEmptyMove = 0.2F;   // of a voxel
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
 
@@ -153,8 +154,7 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
     if (squared > max2) continue;
     const Eigen::Vector3d n = c.normal.cast<double>();
     const double e = n.dot(residual);
-    constexpr double kFit2 = 0.2 * 0.2;
-    sums.fit += kFit2 / (kFit2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared));
+    sums.fit += kFit2 / (kFit2 + squared);
     if (c.normal != Eigen::Vector3f::Zero()) {
       sums.planar.add(p, n, e, robust_weight(e * e, c2));
       if (in_plane_needed_) sums.planar_points.add(p, residual, robust_weight(squared, c2));

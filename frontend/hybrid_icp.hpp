@@ -58,7 +58,7 @@ struct IcpResult {
   bool converged = false;
   double rms_m = 0.0;
   double mean_range_m = 0.0;  ///< RMS distance of the source points from their origin.
-  double fit = 0.0;           ///< Soft share of source points that agree with the map to within 0.2 m, 0..1.
+  double fit = 0.0;  ///< Soft share of source points that lie within half a metre of a map point, 0..1.
   double inlier_ratio = 0.0;  ///< Correspondences within 3 sigma over source points.
   double min_eigenvalue_ratio = 0.0;
   int unobserved_directions = 0;

@@ -1,6 +1,7 @@
 #include "frontend/motion_model.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -43,6 +44,11 @@ Pose MotionModel::predict(std::int64_t utime) const {
   return last_ * se3_exp(ratio * motion_);
 }
 
+Pose MotionModel::usual_step() const {
+  const Eigen::Vector3d up = last_.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+  return last_ * Pose(Eigen::Quaterniond::FromTwoVectors(usual_up_, up), usual_translation_);
+}
+
 Vector6d MotionModel::sweep_twist(std::int64_t duration_us) const {
   if (!has_motion_) return Vector6d::Zero();
   return (static_cast<double>(duration_us) / static_cast<double>(interval_)) * motion_;
@@ -55,11 +61,19 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, st
 }
 
 void MotionModel::add(const Pose& pose, std::int64_t utime) {
+  constexpr double kMemory = 0.9;
   if (has_pose_) {
     interval_ = interval_us(utime);
     motion_ = se3_log(last_.inverse() * pose);
     has_motion_ = true;
   }
+  const Eigen::Vector3d up = pose.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+  const double keep = has_pose_ ? kMemory : 0.0;
+  if (has_pose_) {
+    usual_translation_ =
+        kMemory * usual_translation_ + (1.0 - kMemory) * (last_.inverse() * pose).translation;
+  }
+  usual_up_ = (keep * usual_up_ + (1.0 - keep) * up).normalized();
   last_ = pose;
   last_utime_ = utime;
   has_pose_ = true;
@@ -112,6 +126,8 @@ void MotionModel::save(ByteWriter& out) const {
   out.put(translation_variance_);
   out.put(rotation_variance_);
   out.put(learned_);
+  out.put(usual_translation_);
+  out.put(usual_up_);
 }
 
 void MotionModel::load(ByteReader& in) {
@@ -124,8 +140,12 @@ void MotionModel::load(ByteReader& in) {
   translation_variance_ = in.take<double>();
   rotation_variance_ = in.take<double>();
   learned_ = in.take<int>();
+  usual_translation_ = in.take<Eigen::Vector3d>();
+  usual_up_ = in.take<Eigen::Vector3d>();
   const bool variances = translation_variance_ >= 0.0 && rotation_variance_ >= 0.0 && learned_ >= 0;
   if (interval_ <= 0 || !motion_.allFinite() || motion_.norm() > 1e6 || !variances) in.fail("motion");
+  const bool up = std::abs(usual_up_.norm() - 1.0) < 1e-6;
+  if (!usual_translation_.allFinite() || usual_translation_.norm() > 1e6 || !up) in.fail("usual step");
 }
 
 }  // namespace hp2

@@ -14,6 +14,9 @@ class MotionModel {
  public:
   /// Pose expected at `utime` [us]; identity before the first pose.
   Pose predict(std::int64_t utime) const;
+  /// Where the sensor may be if not at predict(): one usual step farther whatever the time stamps say
+  /// (keyframes come by distance), looking ahead as before, and tilted as it is on average.
+  Pose usual_step() const;
   /// Motion during a sweep of `duration_us`, as a twist; zero before there is a velocity.
   Vector6d sweep_twist(std::int64_t duration_us) const;
   /// The same, were the sensor at `pose` at `utime`.
@@ -57,6 +60,8 @@ class MotionModel {
  private:
   Pose last_;
   Vector6d motion_ = Vector6d::Zero();  // twist over interval_ [us]
+  // Running means: translation from pose to pose [m], and the map's z axis in the sensor's frame.
+  Eigen::Vector3d usual_translation_ = Eigen::Vector3d::Zero(), usual_up_ = Eigen::Vector3d::UnitZ();
   std::int64_t interval_ = 100000;
   std::int64_t last_utime_ = 0;
   bool has_pose_ = false, has_motion_ = false;
