@@ -182,14 +182,6 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   }
   clock.lap_ms();
   motion_.add(pose, o.utime);
-  map_.insert(points_, pose, parallel_);
-  // Eviction visits every block, so it waits until the sensor has moved by a few of them.
-  constexpr double kEvictionStep = 5.0;
-  if ((pose.translation - evicted_at_).norm() > kEvictionStep) {
-    evicted_at_ = pose.translation;
-    map_.remove_far(evicted_at_, config_.max_range_m + kEvictionStep);
-  }
-
   o.odom_from_sensor = pose;
   o.submap_id = builder_.id();
   ScanPose entry;
@@ -198,7 +190,21 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   entry.covariance = o.covariance;
   entry.state = o.state;
   entry.diagnostics = o.diagnostics;
-  out.finished_submap = builder_.add(source_, pose, entry, o.n_skipped, submap_length_m());
+  const double submap_length = submap_length_m();
+  parallel_.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
+    if (block == 0) {
+      map_.insert(points_, pose, parallel_);
+    } else {
+      out.finished_submap = builder_.add(source_, pose, entry, o.n_skipped, submap_length);
+    }
+  });
+  // Eviction visits every block, so it waits until the sensor has moved by a few of them.
+  constexpr double kEvictionStep = 5.0;
+  if ((pose.translation - evicted_at_).norm() > kEvictionStep) {
+    evicted_at_ = pose.translation;
+    map_.remove_far(evicted_at_, config_.max_range_m + kEvictionStep);
+  }
+
   o.submap_from_sensor = entry.submap_from_sensor;
   o.diagnostics.ms[4] = clock.lap_ms();
   o.diagnostics.ms[5] = total.lap_ms();

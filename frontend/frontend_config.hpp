@@ -27,9 +27,9 @@ struct FrontendConfig {
   double tau_max = 0.3;
   int n_min = 5;
   int max_iterations = 30;
-  double convergence_m = 1e-3;
+  double convergence_m = 3e-3;
   double weak_direction_ratio = 0.03;
-  double coarse_step_m = 0.02;
+  double coarse_step_m = 0.005;
   double in_plane_weight = 0.3;
   double min_eigenvalue_ratio = 1e-4;
   double initial_sigma_m = 2.0;

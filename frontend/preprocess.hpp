@@ -49,18 +49,28 @@ class Preprocessor {
     std::size_t mask_ = 0, size_ = 0;
   };
 
-  PreprocessConfig config_;
+  // A candidate of a part: index in the part and voxel key.
+  struct Entry {
+    std::uint32_t index, key;
+  };
+  static constexpr std::size_t kRanges = 4;  // of the keys' hashes
   static constexpr int kRecentBits = 11;
   struct Part {
-    KeySet set;
-    std::array<std::uint32_t, std::size_t{1} << kRecentBits> recent;  // keys known to be in the set, by hash
-    std::vector<std::uint32_t> keep, keys;  // indices into the scan, and their map-voxel keys
-    std::vector<std::uint8_t> repeated;     // an earlier part has the key
+    std::array<std::uint32_t, std::size_t{1} << kRecentBits> recent;  // keys that the part has had, by hash
+    std::vector<std::uint32_t> scan_index;                            // of the part's candidates
+    std::array<std::vector<Entry>, kRanges> map, source;  // the candidates' keys by range of their hash
+    std::vector<std::uint8_t> kept;  // 0: not the first of its map voxel; 2: also of its source voxel
+    std::size_t first_point = 0, first_source = 0;  // where they go in the result
+    float farthest2 = 0.0F;
     int dropped = 0;
   };
+
+  void find_candidates(const Scan& scan, std::size_t begin, std::size_t end, Part& part) const;
+  void copy_out(const Scan& scan, bool use_time, Part& part, PreprocessedScan& out) const;
+
+  PreprocessConfig config_;
   std::vector<Part> parts_;
-  std::vector<KeySet> merged_;  // one a range of hashes
-  KeySet source_set_;
+  std::array<KeySet, kRanges> sets_;
 };
 
 }  // namespace hp2
