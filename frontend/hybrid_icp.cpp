@@ -34,6 +34,8 @@ double robust_weight(double squared_error, double c2) {
 
 constexpr std::size_t kFewPoints = 800;  // of which no part is left out
 constexpr std::size_t kCoarseStride = 4;
+// An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
+constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
 constexpr double kFit2 = 0.5 * 0.5;  // [m^2], scale of IcpResult::fit
 constexpr float kEmptyMove = 0.2F;   // of a voxel
 constexpr double kResidual =
@@ -101,7 +103,7 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
       corner[a] = static_cast<float>(v) * edge;
       at.offset[a] = p[a] - corner[a];
     }
-    const NearestPoint nearest = map.nearest(at, cursor);
+    const NearestPoint nearest = map.nearest(at, cursor, margin_m_);
     c.searched_at = p;
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
@@ -277,6 +279,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   in_plane_needed_ = config_.mode == IcpMode::kRobust;  // until the first iteration has told
   // Few points tell a long step's direction as well as many.
   const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() >= kFewPoints;
+  margin_m_ = kMostMargin;
   std::size_t stride = coarse_first ? kCoarseStride : 1;
   for (result.iterations = 1; result.iterations <= config_.max_iterations; ++result.iterations) {
     if (2 * result.iterations > config_.max_iterations) stride = 1;
@@ -310,6 +313,8 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
       result.converged = true;
       break;
     }
+    // What is searched now is asked again after steps that become shorter and shorter.
+    margin_m_ = std::clamp(kMarginSteps * static_cast<float>(length), kLeastMargin, kMostMargin);
     if (length < config_.coarse_step_m) stride = 1;
   }
   result.iterations = std::min(result.iterations, config_.max_iterations);

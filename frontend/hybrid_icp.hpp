@@ -130,6 +130,7 @@ class HybridIcp {
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
   std::vector<Part> parts_;
+  float margin_m_ = 0.0F;         // of the present searches (LocalMap::nearest)
   bool in_plane_needed_ = false;  // by a weak direction of the present registration
 };
 

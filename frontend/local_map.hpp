@@ -70,10 +70,12 @@ class LocalMap {
   };
 
   /// Nearest point to `query` among the 27 voxels around it.
-  NearestPoint nearest(const VoxelPoint& query, Cursor& cursor) const;
+  /// @param margin_m NearestPoint::other_distance_m may stop short at the nearest distance plus this: voxels
+  ///                 beyond are not looked at
+  NearestPoint nearest(const VoxelPoint& query, Cursor& cursor, float margin_m) const;
   NearestPoint nearest(const VoxelPoint& query) const {
     Cursor cursor;
-    return nearest(query, cursor);
+    return nearest(query, cursor, 0.0F);
   }
 
   /// Voxel index i's corner coordinates (in voxels) and point `slot`'s offset from that corner [m].

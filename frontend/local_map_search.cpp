@@ -30,9 +30,7 @@ struct Slabs {
 
 }  // namespace
 
-NearestPoint LocalMap::nearest(const VoxelPoint& q, Cursor& cursor) const {
-  // Another point this much farther than the nearest one is of no interest: voxels beyond that are skipped.
-  constexpr float kMargin = 0.15F;
+NearestPoint LocalMap::nearest(const VoxelPoint& q, Cursor& cursor, float margin_m) const {
   const auto edge = static_cast<float>(voxel_size_);
   const Voxel3i centre_block = block_of(q.voxel);
   const std::int32_t centre = find_block(centre_block, cursor);
@@ -116,7 +114,7 @@ NearestPoint LocalMap::nearest(const VoxelPoint& q, Cursor& cursor) const {
           }
         }
         if (nearer) {
-          const float reach = std::sqrt(best2) + kMargin;
+          const float reach = std::sqrt(best2) + margin_m;
           cutoff2 = std::max(best2, std::min(reach * reach, beyond2));
         }
       }
