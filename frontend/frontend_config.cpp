@@ -44,8 +44,7 @@ ConfigSection frontend_section(FrontendConfig& c) {
         "Mode robust: directions whose eigenvalue is below this share of the largest are supported", 0.0,
         1.0);
   s.add("coarse_step_m", c.coarse_step_m,
-        "While steps are longer than this [m, rad] one in four points is registered; 0: always all", 0.0,
-        1.0);
+        "While steps are longer than this [m, rad] some 800 points are registered; 0: always all", 0.0, 1.0);
   s.add("in_plane_weight", c.in_plane_weight,
         "Mode robust: weight of planar correspondences' in-plane residual", 0.0, 10.0);
   s.add("min_eigenvalue_ratio", c.min_eigenvalue_ratio,

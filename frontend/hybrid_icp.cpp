@@ -32,8 +32,7 @@ double robust_weight(double squared_error, double c2) {
   return c2 / (d * d);
 }
 
-constexpr std::size_t kFewPoints = 800;  // of which no part is left out
-constexpr std::size_t kCoarseStride = 4;
+constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's direction
 // An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
 constexpr double kFit2 = 0.5 * 0.5;  // [m^2], scale of IcpResult::fit
@@ -93,22 +92,13 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
       const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
       if (distance <= c.other_distance - moved) continue;
     }
-    VoxelPoint at;
-    Eigen::Vector3f corner;
-    for (int a = 0; a < 3; ++a) {
-      const float scaled = p[a] * inverse_edge;
-      const auto truncated = static_cast<int>(scaled);
-      const int v = truncated - (scaled < static_cast<float>(truncated) ? 1 : 0);
-      at.voxel[a] = v + origin_[a];
-      corner[a] = static_cast<float>(v) * edge;
-      at.offset[a] = p[a] - corner[a];
-    }
+    const VoxelPoint at = locate_near(p, origin_, edge, inverse_edge);
     const NearestPoint nearest = map.nearest(at, cursor, margin_m_);
     c.searched_at = p;
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
     if (nearest.voxel >= 0) {
-      c.target = corner + nearest.offset;
+      c.target = p - at.offset + nearest.offset;
       part.fresh.push_back(static_cast<std::uint32_t>(i));
     }
   }
@@ -278,9 +268,9 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   Matrix6d information = Matrix6d::Zero();
   in_plane_needed_ = config_.mode == IcpMode::kRobust;  // until the first iteration has told
   // Few points tell a long step's direction as well as many.
-  const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() >= kFewPoints;
+  const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() > kFewPoints;
   margin_m_ = kMostMargin;
-  std::size_t stride = coarse_first ? kCoarseStride : 1;
+  std::size_t stride = coarse_first ? source.size() / kFewPoints : 1;
   for (result.iterations = 1; result.iterations <= config_.max_iterations; ++result.iterations) {
     if (2 * result.iterations > config_.max_iterations) stride = 1;
     sums = linearise(map, source, stride, local, sigma_m, parallel, result);

@@ -32,7 +32,7 @@ struct IcpConfig {
   int n_min = 5;
   int max_iterations = 30;
   double convergence_m = 1e-4;  ///< Ends when a step's translation [m] and rotation [rad] norm is below this.
-  /// While steps are longer than this [m, rad], one in four source points is registered; 0: always all.
+  /// While steps are longer than this [m, rad], some 800 of the source points are registered; 0: always all.
   double coarse_step_m = 0.02;
   double in_plane_weight = 0.3;  ///< kRobust: of a planar correspondence's in-plane residual.
   double weak_direction_ratio =

@@ -116,10 +116,15 @@ std::int32_t LocalMap::find_or_add_voxel(const Voxel3i& coordinates, std::int32_
 
 bool LocalMap::has_room(std::int32_t voxel, const Eigen::Vector3f& offset) const {
   const Line* line = &lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_];
-  const std::int32_t n = line->count;
-  if (static_cast<std::size_t>(n) >= capacity_) return false;
-  for (std::int32_t s = 0; s < n; ++s) {
-    if ((point_offset(voxel, s) - offset).squaredNorm() < min_spacing2_) return false;
+  const std::int32_t count = line->count;
+  if (static_cast<std::size_t>(count) >= capacity_) return false;
+  for (std::int32_t first = 0; first < count; first += kPointsPerLine, ++line) {
+    const std::int32_t n = std::min(count - first, kPointsPerLine);
+    for (std::int32_t s = 0; s < n; ++s) {
+      if ((Eigen::Map<const Eigen::Vector3f>(line->xyz + 3 * s) - offset).squaredNorm() < min_spacing2_) {
+        return false;
+      }
+    }
   }
   return true;
 }
@@ -150,8 +155,11 @@ void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& ma
   // Most points fall where the map is full already. They are found in parallel, by reading only: what has no
   // room now has none after others were added.
   constexpr std::size_t kPart = 2048;
-  const Eigen::Matrix3d r = map_from_points.rotation.toRotationMatrix();
-  const Eigen::Vector3d t = map_from_points.translation;
+  // In floats about a voxel corner near the sensor: they keep their digits however large the map is.
+  const Voxel3i origin = locate(map_from_points.translation).voxel;
+  const Eigen::Matrix3f r = map_from_points.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = (map_from_points.translation - origin.cast<double>() * voxel_size_).cast<float>();
+  const auto edge = static_cast<float>(voxel_size_), inverse_edge = static_cast<float>(inverse_voxel_size_);
   const std::size_t parts = Parallel::block_count(points.size(), kPart);
   if (candidates_.size() < parts) candidates_.resize(parts);
   parallel.for_blocks(points.size(), kPart, [&](std::size_t part, std::size_t begin, std::size_t end) {
@@ -159,7 +167,7 @@ void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& ma
     candidates.clear();
     Cursor cursor;
     for (std::size_t i = begin; i < end; ++i) {
-      const VoxelPoint at = locate(r * points[i].cast<double>() + t);
+      const VoxelPoint at = locate_near(r * points[i] + t, origin, edge, inverse_edge);
       const std::int32_t b = find_block(block_of(at.voxel), cursor);
       const std::int32_t v =
           b < 0 ? -1

@@ -54,7 +54,7 @@ class Preprocessor {
     std::uint32_t index, key;
   };
   static constexpr std::size_t kRanges = 4;  // of the keys' hashes
-  static constexpr int kRecentBits = 11;
+  static constexpr int kRecentBits = 12;
   struct Part {
     std::array<std::uint32_t, std::size_t{1} << kRecentBits> recent;  // keys that the part has had, by hash
     std::vector<std::uint32_t> scan_index;                            // of the part's candidates
