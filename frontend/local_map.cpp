@@ -155,11 +155,8 @@ void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& ma
   // Most points fall where the map is full already. They are found in parallel, by reading only: what has no
   // room now has none after others were added.
   constexpr std::size_t kPart = 2048;
-  // In floats about a voxel corner near the sensor: they keep their digits however large the map is.
-  const Voxel3i origin = locate(map_from_points.translation).voxel;
-  const Eigen::Matrix3f r = map_from_points.rotation.toRotationMatrix().cast<float>();
-  const Eigen::Vector3f t = (map_from_points.translation - origin.cast<double>() * voxel_size_).cast<float>();
-  const auto edge = static_cast<float>(voxel_size_), inverse_edge = static_cast<float>(inverse_voxel_size_);
+  const Eigen::Matrix3d r = map_from_points.rotation.toRotationMatrix();
+  const Eigen::Vector3d t = map_from_points.translation;
   const std::size_t parts = Parallel::block_count(points.size(), kPart);
   if (candidates_.size() < parts) candidates_.resize(parts);
   parallel.for_blocks(points.size(), kPart, [&](std::size_t part, std::size_t begin, std::size_t end) {
@@ -167,7 +164,7 @@ void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& ma
     candidates.clear();
     Cursor cursor;
     for (std::size_t i = begin; i < end; ++i) {
-      const VoxelPoint at = locate_near(r * points[i] + t, origin, edge, inverse_edge);
+      const VoxelPoint at = locate(r * points[i].cast<double>() + t);
       const std::int32_t b = find_block(block_of(at.voxel), cursor);
       const std::int32_t v =
           b < 0 ? -1

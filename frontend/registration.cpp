@@ -1,5 +1,7 @@
 #include "frontend/registration.hpp"
 
+#include <algorithm>
+
 #include "frontend/hybrid_icp.hpp"
 #include "frontend/local_map.hpp"
 #include "frontend/parallel.hpp"
@@ -13,7 +15,10 @@ RegistrationResult register_clouds(const std::vector<Eigen::Vector3f>& target,
   const Parallel parallel(threads);
   LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
   map.insert(target, Pose());
-  HybridIcp icp(icp_config(config));
+  // A closure is registered once, not ten times a second: to the end.
+  IcpConfig thorough = icp_config(config);
+  thorough.convergence_m = std::min(thorough.convergence_m, 1e-3);
+  HybridIcp icp(thorough);
   // Coarse first, then with the final inlier distance, so that the figures speak of the latter.
   const IcpResult coarse = icp.align(map, source, guess, sigma_m, parallel);
   const IcpResult fine = icp.align(map, source, coarse.map_from_source, max_distance_m / 3.0, parallel);
