@@ -29,7 +29,7 @@ struct FrontendConfig {
   int max_iterations = 30;
   double convergence_m = 3e-3;
   double weak_direction_ratio = 0.03;
-  double coarse_step_m = 0.005;
+  double coarse_step_m = 0.02;
   double in_plane_weight = 0.3;
   double min_eigenvalue_ratio = 1e-4;
   double initial_sigma_m = 2.0;
