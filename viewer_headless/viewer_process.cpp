@@ -168,10 +168,14 @@ void ViewerProcess::report() {
   presence_.set(report);
 }
 
-// The back-end may have missed that everything is written.
+// The back-end may not have heard yet that everything is written. Its offers tell that it is there: a session that is
+// written quickly is finished before the back-end's first STATUS has come.
 bool ViewerProcess::backend_waits() {
   if (written_us_ == 0) written_us_ = bus_.now_us();
-  return presence_.live("hp2_backend") != nullptr && bus_.now_us() - written_us_ < kLingerUs;
+  const offer_t* offer = graph_.offer();
+  if (offer == nullptr || bus_.now_us() - written_us_ > kLingerUs) return false;
+  const auto backend = presence_.peers().find(offer->sender_id);
+  return backend == presence_.peers().end() || backend->second.status.state != status_t::FINISHED;
 }
 
 bool ViewerProcess::tick() {

@@ -35,6 +35,14 @@ def test():
         third.wait(120)
         expect(same_poses(first, third), "the poses differ when the player starts last")
 
+        # A viewer that has written everything before the back-end's next STATUS: the back-end hears of it all the same.
+        for phase in range(3):
+            first.backend()
+            first.wait_for_log("backend", "the session is complete", 20)
+            time.sleep(2.1 + 0.15 * phase)
+            first.viewer()
+            first.wait(20, "viewer_headless", "backend")
+
         # Offline, from the stored session.
         again = first.folder / "again"
         subprocess.run([BIN / "hp2_viewer_headless", "--session", first.session, "--out", again], check=True,
