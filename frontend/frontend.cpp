@@ -191,9 +191,10 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   entry.state = o.state;
   entry.diagnostics = o.diagnostics;
   const double submap_length = submap_length_m();
+  map_.find_candidates(points_, pose, parallel_);
   parallel_.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
     if (block == 0) {
-      map_.insert(points_, pose, parallel_);
+      map_.insert_candidates();
     } else {
       out.finished_submap = builder_.add(source_, pose, entry, o.n_skipped, submap_length);
     }

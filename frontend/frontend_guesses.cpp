@@ -108,7 +108,7 @@ IcpResult Frontend::Impl::settle_start(const Scan& scan, IcpResult icp, double s
       const Vector6d twist = per_sweep * se3_log(first.inverse() * icp.map_from_source);
       deskewed(first_cloud_, twist, first_points);
       map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-      map_.insert(first_points, first, parallel_);
+      map_.insert(first_points, first);
       deskew(twist);
     }
     icp = aligner.align(map_, source_, icp.map_from_source, sigma, parallel_);

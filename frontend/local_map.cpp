@@ -150,15 +150,15 @@ void LocalMap::mark_neighbours_stale(std::int32_t index) {
   }
 }
 
-void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
-                      const Parallel& parallel) {
-  // Most points fall where the map is full already. They are found in parallel, by reading only: what has no
-  // room now has none after others were added.
+// Most points fall where the map is full already. They are found in parallel, by reading only: what has no
+// room now has none after others were added.
+void LocalMap::find_candidates(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
+                               const Parallel& parallel) {
   constexpr std::size_t kPart = 2048;
   const Eigen::Matrix3d r = map_from_points.rotation.toRotationMatrix();
   const Eigen::Vector3d t = map_from_points.translation;
-  const std::size_t parts = Parallel::block_count(points.size(), kPart);
-  if (candidates_.size() < parts) candidates_.resize(parts);
+  candidate_parts_ = Parallel::block_count(points.size(), kPart);
+  if (candidates_.size() < candidate_parts_) candidates_.resize(candidate_parts_);
   parallel.for_blocks(points.size(), kPart, [&](std::size_t part, std::size_t begin, std::size_t end) {
     auto& candidates = candidates_[part].points;
     candidates.clear();
@@ -172,10 +172,12 @@ void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& ma
       if (v < 0 || has_room(v, at.offset)) candidates.push_back(at);
     }
   });
+}
 
+void LocalMap::insert_candidates() {
   touched_.clear();
   Cursor cursor;
-  for (std::size_t part = 0; part < parts; ++part) {
+  for (std::size_t part = 0; part < candidate_parts_; ++part) {
     for (const VoxelPoint& at : candidates_[part].points) {
       const Voxel3i block = block_of(at.voxel);
       std::int32_t b = find_block(block, cursor);
@@ -190,6 +192,7 @@ void LocalMap::insert(const std::vector<Eigen::Vector3f>& points, const Pose& ma
     }
   }
   for (const std::int32_t v : touched_) mark_neighbours_stale(v);
+  candidate_parts_ = 0;
 }
 
 void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {

@@ -71,8 +71,14 @@ class LocalMap {
   /// Adds the points that their voxels still have room for, in their order.
   /// @param points         [m], in a sensor frame
   /// @param map_from_points their pose
-  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
-              const Parallel& parallel = Parallel(1));
+  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points) {
+    find_candidates(points, map_from_points, Parallel(1));
+    insert_candidates();
+  }
+  /// The same in two steps: the first one reads the map only and runs in parallel, the second one does not.
+  void find_candidates(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
+                       const Parallel& parallel);
+  void insert_candidates();
 
   /// Drops all blocks whose centre is further than `radius_m` from `centre`.
   void remove_far(const Eigen::Vector3d& centre, double radius_m);
@@ -151,7 +157,7 @@ class LocalMap {
     std::array<std::int32_t, 64> cells;       // voxel indices, -1: empty
     bool used = false;
   };
-  // Points of an insert() that their voxels may have room for, of one part of the scan.
+  // Points that their voxels may have room for, of one part of the scan.
   struct Candidates {
     std::vector<VoxelPoint> points;
   };
@@ -192,7 +198,8 @@ class LocalMap {
   std::vector<Moments> moments_;
   std::vector<Planarity> planarities_;
   std::vector<std::int32_t> touched_;   // voxels that took a point in this insert()
-  std::vector<Candidates> candidates_;  // of this insert()
+  std::vector<Candidates> candidates_;  // of find_candidates()
+  std::size_t candidate_parts_ = 0;     // that are filled
 };
 
 }  // namespace hp2

@@ -5,18 +5,35 @@
 #include <cstddef>
 #include <memory>
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
 namespace hp2 {
+
+/// Threads that take blocks of a loop beside the calling one. Between the loops of a scan, which follow each
+/// other within microseconds, they wait awake; left alone for a tenth of a millisecond they sleep. (A task
+/// library's threads go to sleep between two loops: some forty wake-ups a scan, a quarter of its time.)
+class WorkerPool {
+ public:
+  /// @param workers threads beside the calling one, at least 1
+  explicit WorkerPool(int workers);
+  ~WorkerPool();
+  WorkerPool(const WorkerPool&) = delete;
+  WorkerPool& operator=(const WorkerPool&) = delete;
+
+  /// Calls call(context, b) for all b in [0, blocks), at most 2^31 of them, and returns when all have
+  /// returned. One caller at a time; a call from within a block runs on that block's thread alone.
+  /// @throws the first exception of a block, after the others have ended
+  void run(std::size_t blocks, void (*call)(const void* context, std::size_t block), const void* context);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 /// Runs loops on a fixed number of threads.
 class Parallel {
  public:
   /// @param threads at least 1; 1 runs everything on the calling thread
   explicit Parallel(int threads) : threads_(std::max(1, threads)) {
-    if (threads_ > 1) arena_ = std::make_unique<tbb::task_arena>(threads_);
+    if (threads_ > 1) pool_ = std::make_unique<WorkerPool>(threads_ - 1);
   }
 
   int threads() const { return threads_; }
@@ -34,19 +51,14 @@ class Parallel {
       for (std::size_t b = 0; b < blocks; ++b) run(b);
       return;
     }
-    arena_->execute([&] {
-      tbb::parallel_for(
-          tbb::blocked_range<std::size_t>(0, blocks, 1),
-          [&](const tbb::blocked_range<std::size_t>& r) {
-            for (std::size_t b = r.begin(); b != r.end(); ++b) run(b);
-          },
-          tbb::simple_partitioner());
-    });
+    using Run = decltype(run);
+    pool_->run(
+        blocks, [](const void* context, std::size_t b) { (*static_cast<const Run*>(context))(b); }, &run);
   }
 
  private:
   int threads_;
-  std::unique_ptr<tbb::task_arena> arena_;
+  std::unique_ptr<WorkerPool> pool_;
 };
 
 }  // namespace hp2
