@@ -85,7 +85,7 @@ void Frontend::Impl::deskewed(const PreprocessedScan& cloud, const Vector6d& swe
   out = cloud.points;
   if (cloud.time.empty() || !(sweep_twist.norm() > 0.0)) return;
   const Deskew move(sweep_twist);
-  parallel_.for_blocks(out.size(), 4096, [&](std::size_t, std::size_t begin, std::size_t end) {
+  parallel_.for_blocks(out.size(), 1024, [&](std::size_t, std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) out[i] = move(cloud.points[i], cloud.time[i]);
   });
 }

@@ -32,6 +32,7 @@ double robust_weight(double squared_error, double c2) {
   return c2 / (d * d);
 }
 
+constexpr std::size_t kAhead = 6;        // queries that the memory is asked for before their turn
 constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's direction
 // An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
@@ -80,6 +81,7 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
   const auto edge = static_cast<float>(map.voxel_size_m());
   const float inverse_edge = 1.0F / edge;
   part.fresh.clear();
+  part.probes.clear();
   LocalMap::Cursor cursor;
   for (std::size_t i = source.begin; i < source.end; i += source.stride) {
     Correspondence& c = correspondences_[i];
@@ -92,16 +94,25 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
       const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
       if (distance <= c.other_distance - moved) continue;
     }
-    const VoxelPoint at = locate_near(p, origin_, edge, inverse_edge);
-    const NearestPoint nearest = map.nearest(at, cursor, margin_m_);
     c.searched_at = p;
+    part.fresh.push_back(static_cast<std::uint32_t>(i));
+    part.probes.push_back(map.probe(locate_near(p, origin_, edge, inverse_edge), cursor));
+  }
+  const std::size_t n = part.probes.size();
+  for (std::size_t k = 0; k < std::min(kAhead, n); ++k) map.look_around(part.probes[k]);
+  std::size_t found = 0;
+  for (std::size_t k = 0; k < n; ++k) {
+    if (k + kAhead < n) map.look_around(part.probes[k + kAhead]);
+    const LocalMap::Probe& probe = part.probes[k];
+    Correspondence& c = correspondences_[part.fresh[k]];
+    const NearestPoint nearest = map.nearest(probe, margin_m_);
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
-    if (nearest.voxel >= 0) {
-      c.target = p - at.offset + nearest.offset;
-      part.fresh.push_back(static_cast<std::uint32_t>(i));
-    }
+    if (nearest.voxel < 0) continue;
+    c.target = c.searched_at - probe.at.offset + nearest.offset;
+    part.fresh[found++] = part.fresh[k];
   }
+  part.fresh.resize(found);
 }
 
 void HybridIcp::classify(const LocalMap& map, Part& part) {

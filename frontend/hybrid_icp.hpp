@@ -104,7 +104,8 @@ class HybridIcp {
   // What one iteration leaves of a block of source points.
   struct Part {
     NormalEquations sums;
-    std::vector<std::uint32_t> fresh;  // correspondences found by this iteration's search
+    std::vector<std::uint32_t> fresh;     // correspondences found by this iteration's search
+    std::vector<LocalMap::Probe> probes;  // its queries
     std::vector<std::pair<std::int32_t, Planarity>> planarities;  // computed for voxels where it was stale
     double ms[3] = {};                                            // search, planarity, sums
   };

@@ -48,9 +48,11 @@ std::int32_t LocalMap::find_block(const Voxel3i& block, Cursor& cursor) const {
   return b;
 }
 
-std::int32_t LocalMap::find_or_add_block(const Voxel3i& block) {
-  const std::int32_t found = find_block(block);
-  if (found >= 0) return found;
+Eigen::Vector3d LocalMap::block_centre(const Voxel3i& block) const {
+  return (block.cast<double>() + Eigen::Vector3d::Constant(0.5)) * (voxel_size_ * (1 << kBits));
+}
+
+std::int32_t LocalMap::add_block(const Voxel3i& block) {
   std::int32_t b = 0;
   if (free_blocks_.empty()) {
     b = static_cast<std::int32_t>(blocks_.size());
@@ -62,6 +64,7 @@ std::int32_t LocalMap::find_or_add_block(const Voxel3i& block) {
   Block& fresh = blocks_[static_cast<std::size_t>(b)];
   fresh.coordinates = block;
   fresh.used = true;
+  fresh.occupied = fresh.full = fresh.stale = 0;
   fresh.cells.fill(-1);
   for (int k = 0; k < 27; ++k) {
     const std::int32_t other = k == 13 ? b : find_block(block + neighbour_offset(k));
@@ -80,7 +83,6 @@ void LocalMap::remove_block(std::int32_t index) {
   for (const std::int32_t v : block.cells) {
     if (v < 0) continue;
     point_count_ -= static_cast<std::size_t>(count(v));
-    lines_[static_cast<std::size_t>(v) * lines_per_voxel_].count = 0;
     free_voxels_.push_back(v);
   }
   for (std::size_t k = 0; k < 27; ++k) {
@@ -105,12 +107,16 @@ std::int32_t LocalMap::find_or_add_voxel(const Voxel3i& coordinates, std::int32_
   } else {
     cell = free_voxels_.back();
     free_voxels_.pop_back();
-    moments_[static_cast<std::size_t>(cell)] = Moments();
+    moments_[static_cast<std::size_t>(cell)] = VoxelMoments();
+    std::fill_n(&lines_[static_cast<std::size_t>(cell) * lines_per_voxel_], lines_per_voxel_, Line());
   }
   Voxel& voxel = voxels_[static_cast<std::size_t>(cell)];
   voxel.coordinates = coordinates;
   voxel.block = b;
-  voxel.stale = true;
+  voxel.cell = static_cast<std::uint8_t>(cell_of(coordinates));
+  const std::uint64_t bit = std::uint64_t{1} << voxel.cell;
+  blocks_[static_cast<std::size_t>(b)].occupied |= bit;
+  blocks_[static_cast<std::size_t>(b)].stale |= bit;
   return cell;
 }
 
@@ -119,34 +125,40 @@ bool LocalMap::has_room(std::int32_t voxel, const Eigen::Vector3f& offset) const
   const std::int32_t count = line->count;
   if (static_cast<std::size_t>(count) >= capacity_) return false;
   for (std::int32_t first = 0; first < count; first += kPointsPerLine, ++line) {
-    const std::int32_t n = std::min(count - first, kPointsPerLine);
-    for (std::int32_t s = 0; s < n; ++s) {
-      if ((Eigen::Map<const Eigen::Vector3f>(line->xyz + 3 * s) - offset).squaredNorm() < min_spacing2_) {
-        return false;
-      }
+    float d2[kPointsPerLine];
+    line->distances2(offset, d2);
+    for (const float d : d2) {
+      if (d < min_spacing2_) return false;
     }
   }
   return true;
 }
 
-void LocalMap::add_point(std::int32_t voxel, const Eigen::Vector3f& offset) {
-  Line* lines = &lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_];
+void LocalMap::add_point(std::int32_t index, const Eigen::Vector3f& offset) {
+  Line* lines = &lines_[static_cast<std::size_t>(index) * lines_per_voxel_];
   const std::int32_t s = lines->count;
-  Eigen::Map<Eigen::Vector3f>(lines[s / kPointsPerLine].xyz + 3 * (s % kPointsPerLine)) = offset;
+  for (int a = 0; a < 3; ++a) lines[s / kPointsPerLine].xyz[a][s % kPointsPerLine] = offset[a];
   ++lines->count;
   ++point_count_;
-  moments_[static_cast<std::size_t>(voxel)].add(offset.cast<double>());
+  const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
+  Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
+  if (static_cast<std::size_t>(lines->count) == capacity_) block.full |= std::uint64_t{1} << voxel.cell;
+  const Eigen::Vector3d p = voxel.coordinates.cast<double>() * voxel_size_ + offset.cast<double>() -
+                            block_centre(block.coordinates);
+  const double terms[10] = {1.0,           p.x(),         p.y(),         p.z(),         p.x() * p.x(),
+                            p.x() * p.y(), p.x() * p.z(), p.y() * p.y(), p.y() * p.z(), p.z() * p.z()};
+  double* v = moments_[static_cast<std::size_t>(index)].v;
+  for (int i = 0; i < 10; ++i) v[i] += terms[i];
 }
 
 void LocalMap::mark_neighbours_stale(std::int32_t index) {
   const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
   const Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
-  const auto& steps = tables().steps[static_cast<std::size_t>(cell_of(voxel.coordinates))];
-  for (const Step& step : steps) {
-    const std::int32_t b = block.neighbours[step.block];
-    if (b < 0) continue;
-    const std::int32_t v = blocks_[static_cast<std::size_t>(b)].cells[step.cell];
-    if (v >= 0) voxels_[static_cast<std::size_t>(v)].stale = true;
+  const Reach& reach = tables().reach[voxel.cell];
+  for (int k = 0; k < reach.blocks; ++k) {
+    const auto number = static_cast<std::size_t>(k);
+    const std::int32_t b = block.neighbours[reach.block[number]];
+    if (b >= 0) blocks_[static_cast<std::size_t>(b)].stale |= reach.cells[number];
   }
 }
 
@@ -159,17 +171,35 @@ void LocalMap::find_candidates(const std::vector<Eigen::Vector3f>& points, const
   const Eigen::Vector3d t = map_from_points.translation;
   candidate_parts_ = Parallel::block_count(points.size(), kPart);
   if (candidates_.size() < candidate_parts_) candidates_.resize(candidate_parts_);
+  const Voxel3i origin = locate(t).voxel;
+  const Eigen::Matrix3f near_r = r.cast<float>();
+  const Eigen::Vector3f near_t = (t - origin.cast<double>() * voxel_size_).cast<float>();
+  const auto edge = static_cast<float>(voxel_size_);
+  const float inverse_edge = 1.0F / edge;
   parallel.for_blocks(points.size(), kPart, [&](std::size_t part, std::size_t begin, std::size_t end) {
-    auto& candidates = candidates_[part].points;
+    auto& probes = candidates_[part].probes;
+    auto& candidates = candidates_[part].candidates;
+    probes.clear();
     candidates.clear();
     Cursor cursor;
     for (std::size_t i = begin; i < end; ++i) {
-      const VoxelPoint at = locate(r * points[i].cast<double>() + t);
-      const std::int32_t b = find_block(block_of(at.voxel), cursor);
-      const std::int32_t v =
-          b < 0 ? -1
-                : blocks_[static_cast<std::size_t>(b)].cells[static_cast<std::size_t>(cell_of(at.voxel))];
-      if (v < 0 || has_room(v, at.offset)) candidates.push_back(at);
+      const Probe p = probe(locate_near(near_r * points[i] + near_t, origin, edge, inverse_edge), cursor);
+      if (p.block < 0) {
+        probes.push_back(p);
+        continue;
+      }
+      const Block& block = blocks_[static_cast<std::size_t>(p.block)];
+      const int cell = cell_of(p.at.voxel);
+      if ((block.full >> cell & 1U) != 0) continue;
+      const std::int32_t v = block.cells[static_cast<std::size_t>(cell)];
+      if (v >= 0) prefetch_line(v);
+      probes.push_back(p);
+    }
+    for (const Probe& p : probes) {
+      const std::int32_t v = p.block < 0 ? -1
+                                         : blocks_[static_cast<std::size_t>(p.block)]
+                                               .cells[static_cast<std::size_t>(cell_of(p.at.voxel))];
+      if (v < 0 || has_room(v, p.at.offset)) candidates.push_back(p);
     }
   });
 }
@@ -178,12 +208,16 @@ void LocalMap::insert_candidates() {
   touched_.clear();
   Cursor cursor;
   for (std::size_t part = 0; part < candidate_parts_; ++part) {
-    for (const VoxelPoint& at : candidates_[part].points) {
-      const Voxel3i block = block_of(at.voxel);
-      std::int32_t b = find_block(block, cursor);
+    for (const Probe& p : candidates_[part].candidates) {
+      const VoxelPoint& at = p.at;
+      std::int32_t b = p.block;
       if (b < 0) {
-        b = find_or_add_block(block);
-        cursor = {block, b};
+        const Voxel3i block = block_of(at.voxel);
+        b = find_block(block, cursor);
+        if (b < 0) {
+          b = add_block(block);
+          cursor = {block, b};
+        }
       }
       const std::int32_t v = find_or_add_voxel(at.voxel, b);
       if (!has_room(v, at.offset)) continue;
@@ -196,13 +230,12 @@ void LocalMap::insert_candidates() {
 }
 
 void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {
-  const double edge = voxel_size_ * (1 << kBits);
   const double radius2 = radius_m * radius_m;
   for (std::size_t b = 0; b < blocks_.size(); ++b) {
     const Block& block = blocks_[b];
     if (!block.used) continue;
-    const Eigen::Vector3d middle = (block.coordinates.cast<double>() + Eigen::Vector3d::Constant(0.5)) * edge;
-    if ((middle - centre).squaredNorm() > radius2) remove_block(static_cast<std::int32_t>(b));
+    if ((block_centre(block.coordinates) - centre).squaredNorm() > radius2)
+      remove_block(static_cast<std::int32_t>(b));
   }
 }
 
@@ -223,7 +256,9 @@ void LocalMap::load(ByteReader& in) {
     const auto n_points = in.take<std::int32_t>();
     if (n_points < 1 || static_cast<std::size_t>(n_points) > capacity_)
       in.fail("local map, voxel " + std::to_string(i));
-    const std::int32_t v = find_or_add_voxel(coordinates, find_or_add_block(block_of(coordinates)));
+    const Voxel3i block = block_of(coordinates);
+    const std::int32_t b = find_block(block);
+    const std::int32_t v = find_or_add_voxel(coordinates, b >= 0 ? b : add_block(block));
     if (count(v) > 0) in.fail("local map, voxel " + std::to_string(i));
     for (std::int32_t s = 0; s < n_points; ++s) {
       const auto offset = in.take<Eigen::Vector3f>();

@@ -1,7 +1,9 @@
 // The local map: a hash of blocks of 4x4x4 voxels. A voxel holds a few spread-out points, five of them to a
 // cache line together with their number, and their moment sums; a neighbourhood of 27 voxels is reached
-// through links between blocks, with at most one hash look-up for all of it.
+// through links between blocks, with at most one hash look-up for all of it. Whoever asks for many voxels
+// asks the memory for them a few queries ahead.
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -90,13 +92,31 @@ class LocalMap {
     std::int32_t index = -1;  ///< -1: none yet.
   };
 
-  /// Nearest point to `query` among the 27 voxels around it.
-  /// @param margin_m NearestPoint::other_distance_m may stop short at the nearest distance plus this: voxels
-  ///                 beyond are not looked at
-  NearestPoint nearest(const VoxelPoint& query, Cursor& cursor, float margin_m) const;
+  /// A query on its way to an answer.
+  struct Probe {
+    VoxelPoint at;
+    std::int32_t block = -1;  ///< That it falls in; -1: there is none.
+    std::int32_t count = 0;   ///< Of `voxels`.
+    std::array<std::int32_t, 8>
+        voxels;  ///< Those that have points, of the eight around the corner nearest to it.
+    std::array<std::uint8_t, 8> corners;  ///< Which of the eight they are.
+  };
+  /// Begins a query and asks the memory for its block; look_around() finds the voxels most likely to hold the
+  /// answer and asks for their points. Both, in this order, to be called before nearest(), better some
+  /// queries ahead.
+  Probe probe(const VoxelPoint& at, Cursor& cursor) const;
+  void look_around(Probe& probe) const;
+
+  /// Nearest point to a query among the 27 voxels around it.
+  /// @param margin_m NearestPoint::other_distance_m may stop short at the nearest distance plus this, where
+  /// the
+  ///                 eight voxels around the query do not tell more: voxels beyond are not looked at
+  NearestPoint nearest(const Probe& query, float margin_m) const;
   NearestPoint nearest(const VoxelPoint& query) const {
     Cursor cursor;
-    return nearest(query, cursor, 0.0F);
+    Probe p = probe(query, cursor);
+    look_around(p);
+    return nearest(p, 0.0F);
   }
 
   /// Voxel index i's corner coordinates (in voxels) and point `slot`'s offset from that corner [m].
@@ -106,18 +126,22 @@ class LocalMap {
   Eigen::Vector3f point_offset(std::int32_t i, std::int32_t slot) const {
     const Line& line = lines_[static_cast<std::size_t>(i) * lines_per_voxel_ +
                               static_cast<std::size_t>(slot / kPointsPerLine)];
-    return Eigen::Map<const Eigen::Vector3f>(line.xyz + 3 * (slot % kPointsPerLine));
+    return line.point(slot % kPointsPerLine);
   }
 
   /// Planarity of the 27 voxels around voxel i as last computed by update_planarity().
   const Planarity& planarity(std::int32_t i) const { return planarities_[static_cast<std::size_t>(i)]; }
   /// True if voxel i's neighbourhood has changed since update_planarity(i).
-  bool planarity_stale(std::int32_t i) const { return voxels_[static_cast<std::size_t>(i)].stale; }
+  bool planarity_stale(std::int32_t i) const {
+    const Voxel& voxel = voxels_[static_cast<std::size_t>(i)];
+    return (blocks_[static_cast<std::size_t>(voxel.block)].stale >> voxel.cell & 1U) != 0;
+  }
   /// Computes it anew, or takes what analyse(neighbourhood_moments(i)) gave.
   void update_planarity(std::int32_t i) { set_planarity(i, analyse(neighbourhood_moments(i))); }
   void set_planarity(std::int32_t i, const Planarity& planarity) {
     planarities_[static_cast<std::size_t>(i)] = planarity;
-    voxels_[static_cast<std::size_t>(i)].stale = false;
+    const Voxel& voxel = voxels_[static_cast<std::size_t>(i)];
+    blocks_[static_cast<std::size_t>(voxel.block)].stale &= ~(std::uint64_t{1} << voxel.cell);
   }
   /// Sum of the moments of the 27 voxels around voxel i, about voxel i's corner.
   Moments neighbourhood_moments(std::int32_t i) const;
@@ -141,34 +165,52 @@ class LocalMap {
 
  private:
   static constexpr std::int32_t kPointsPerLine = 5;
+  static constexpr float kNowhere = 1e15F;  // coordinate of a slot without a point: far from every query
   // A cache line of a voxel: its first one says how many points the voxel has in all.
   struct alignas(64) Line {
     std::int32_t count = 0;
-    float xyz[3 * kPointsPerLine] = {};  // offsets from the voxel's corner [m]
+    float xyz[3][kPointsPerLine];  // offsets from the voxel's corner [m]
+
+    Line() { std::fill(&xyz[0][0], &xyz[0][0] + 3 * kPointsPerLine, kNowhere); }
+    Eigen::Vector3f point(std::int32_t s) const { return {xyz[0][s], xyz[1][s], xyz[2][s]}; }
+    // Squared distances of all slots to a place.
+    void distances2(const Eigen::Vector3f& from, float (&d2)[kPointsPerLine]) const {
+      for (std::int32_t s = 0; s < kPointsPerLine; ++s) {
+        const float dx = xyz[0][s] - from.x(), dy = xyz[1][s] - from.y(), dz = xyz[2][s] - from.z();
+        d2[s] = dx * dx + dy * dy + dz * dz;
+      }
+    }
+  };
+  // n, sum p, sum p p^T (xx xy xz yy yz zz) of a voxel's points about its block's centre.
+  struct alignas(16) VoxelMoments {
+    double v[10] = {};
   };
   struct Voxel {
     Voxel3i coordinates;
     std::int32_t block = -1;
-    bool stale = true;
+    std::uint8_t cell = 0;  // number in its block
   };
   struct Block {
-    Voxel3i coordinates;                      // of the block; -1 links are unset
-    std::array<std::int32_t, 27> neighbours;  // block indices, -1: none; 13 is the block itself
-    std::array<std::int32_t, 64> cells;       // voxel indices, -1: empty
+    Voxel3i coordinates;
     bool used = false;
+    std::uint64_t occupied = 0, full = 0, stale = 0;  // bit c: cell c; full: has no room whatever the point
+    std::array<std::int32_t, 27> neighbours;          // block indices, -1: none; 13 is the block itself
+    std::array<std::int32_t, 64> cells;               // voxel indices, -1: empty
   };
   // Points that their voxels may have room for, of one part of the scan.
   struct Candidates {
-    std::vector<VoxelPoint> points;
+    std::vector<Probe> probes, candidates;
   };
 
   std::int32_t count(std::int32_t voxel) const {
     return lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_].count;
   }
+  NearestPoint nearest_of_27(const Probe& query, float margin_m) const;
   bool has_room(std::int32_t voxel, const Eigen::Vector3f& offset) const;
+  Eigen::Vector3d block_centre(const Voxel3i& block) const;
   std::int32_t find_block(const Voxel3i& block) const;
   std::int32_t find_block(const Voxel3i& block, Cursor& cursor) const;
-  std::int32_t find_or_add_block(const Voxel3i& block);
+  std::int32_t add_block(const Voxel3i& block);
   void remove_block(std::int32_t b);
   // The voxel at these coordinates, in block b; made if there is none.
   std::int32_t find_or_add_voxel(const Voxel3i& coordinates, std::int32_t b);
@@ -184,6 +226,10 @@ class LocalMap {
     }
   }
 
+  void prefetch_line(std::int32_t voxel) const {
+    __builtin_prefetch(&lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_]);
+  }
+
   double voxel_size_, inverse_voxel_size_;
   std::size_t capacity_, lines_per_voxel_;
   double min_spacing_;
@@ -195,7 +241,7 @@ class LocalMap {
   std::vector<Voxel> voxels_;
   std::vector<std::int32_t> free_voxels_;
   std::vector<Line> lines_;  // lines_per_voxel_ a voxel
-  std::vector<Moments> moments_;
+  std::vector<VoxelMoments> moments_;
   std::vector<Planarity> planarities_;
   std::vector<std::int32_t> touched_;   // voxels that took a point in this insert()
   std::vector<Candidates> candidates_;  // of find_candidates()

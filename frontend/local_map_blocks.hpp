@@ -29,21 +29,29 @@ inline std::size_t neighbour_number(const Eigen::Vector3i& offset) {
   return static_cast<std::size_t>((offset.x() + 1) + 3 * (offset.y() + 1) + 9 * (offset.z() + 1));
 }
 
-/// For a cell of a block and one of its 27 neighbours: which of the 27 blocks it is in, and which cell there.
-struct Step {
-  std::uint8_t block, cell;
+/// Which cells of which blocks the 27 voxels around a cell are.
+struct Reach {
+  int blocks = 0;                        ///< At most 8.
+  std::array<std::uint8_t, 8> block{};   ///< Numbers among the 27 blocks around the cell's own.
+  std::array<std::uint64_t, 8> cells{};  ///< Bit c: cell c of that block.
 };
 
 struct Tables {
-  std::array<std::array<Step, 27>, 64> steps;
+  std::array<Reach, 64> reach;
 
   Tables() {
     for (int c = 0; c < 64; ++c) {
       const Eigen::Vector3i cell(c & kMask, (c >> kBits) & kMask, c >> (2 * kBits));
+      std::array<std::uint64_t, 27> cells{};
       for (int k = 0; k < 27; ++k) {
         const Eigen::Vector3i v = cell + neighbour_offset(k);
-        steps[static_cast<std::size_t>(c)][static_cast<std::size_t>(k)] = {
-            static_cast<std::uint8_t>(neighbour_number(block_of(v))), static_cast<std::uint8_t>(cell_of(v))};
+        cells[neighbour_number(block_of(v))] |= std::uint64_t{1} << cell_of(v);
+      }
+      Reach& r = reach[static_cast<std::size_t>(c)];
+      for (std::size_t k = 0; k < 27; ++k) {
+        if (cells[k] == 0) continue;
+        r.block[static_cast<std::size_t>(r.blocks)] = static_cast<std::uint8_t>(k);
+        r.cells[static_cast<std::size_t>(r.blocks++)] = cells[k];
       }
     }
   }

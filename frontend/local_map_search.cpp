@@ -1,6 +1,8 @@
 // What is asked of the local map for every correspondence: the nearest point, and the moments around it.
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <limits>
 
 #include "frontend/local_map.hpp"
 #include "frontend/local_map_blocks.hpp"
@@ -10,6 +12,18 @@ namespace hp2 {
 using namespace map_blocks;
 
 namespace {
+
+// Four floats of a vector register, whatever the processor.
+using Float4 = float __attribute__((vector_size(16)));
+using Int4 = std::int32_t __attribute__((vector_size(16)));
+
+Float4 load4(const float* from) {
+  Float4 v;
+  std::memcpy(&v, from, sizeof(v));
+  return v;
+}
+
+Float4 min4(Float4 a, Float4 b) { return a < b ? a : b; }
 
 // The three slabs of voxels along one axis, the nearest first.
 struct Slabs {
@@ -30,10 +44,111 @@ struct Slabs {
 
 }  // namespace
 
-NearestPoint LocalMap::nearest(const VoxelPoint& q, Cursor& cursor, float margin_m) const {
+LocalMap::Probe LocalMap::probe(const VoxelPoint& at, Cursor& cursor) const {
+  Probe p;
+  p.at = at;
+  p.block = find_block(block_of(at.voxel), cursor);
+  if (p.block >= 0) {
+    const Block& block = blocks_[static_cast<std::size_t>(p.block)];
+    __builtin_prefetch(&block.neighbours);
+    __builtin_prefetch(&block.cells[static_cast<std::size_t>(cell_of(at.voxel))]);
+  }
+  return p;
+}
+
+// The query's own voxel and the seven others at that corner of it that is next to the query.
+void LocalMap::look_around(Probe& p) const {
+  p.count = 0;
+  if (p.block < 0) return;
+  const Block& block = blocks_[static_cast<std::size_t>(p.block)];
+  const auto half = static_cast<float>(0.5 * voxel_size_);
+  // Along each axis, for the own voxel and its neighbour: parts of the block's and of the cell's number.
+  int links[3][2], cells[3][2];
+  for (int a = 0, link_step = 1; a < 3; ++a, link_step *= 3) {
+    const int own = p.at.voxel[a] & kMask, other = own + (p.at.offset[a] < half ? -1 : 1);
+    links[a][0] = link_step;
+    links[a][1] = link_step * ((other >> kBits) + 1);
+    cells[a][0] = own << (a * kBits);
+    cells[a][1] = (other & kMask) << (a * kBits);
+  }
+  for (int k = 0; k < 8; ++k) {
+    const int i = k & 1, j = k >> 1 & 1, l = k >> 2;
+    const std::int32_t b =
+        block.neighbours[static_cast<std::size_t>(links[0][i] + links[1][j] + links[2][l])];
+    if (b < 0) continue;
+    const std::int32_t v = blocks_[static_cast<std::size_t>(b)]
+                               .cells[static_cast<std::size_t>(cells[0][i] | cells[1][j] | cells[2][l])];
+    const auto n = static_cast<std::size_t>(p.count);
+    p.voxels[n] = v;
+    p.corners[n] = static_cast<std::uint8_t>(k);
+    p.count += v >= 0 ? 1 : 0;
+    if (v >= 0) prefetch_line(v);
+  }
+}
+
+// First the eight voxels at the query's corner: they hold everything up to the nearest of their outer faces,
+// half a voxel away at least, and all their points are looked at without a branch. Then, if that did not
+// settle it, all 27.
+NearestPoint LocalMap::nearest(const Probe& query, float margin_m) const {
+  if (query.count == 0 || lines_per_voxel_ > 1) return nearest_of_27(query, margin_m);
+  const auto edge = static_cast<float>(voxel_size_);
+  const Eigen::Vector3f& offset = query.at.offset;
+  const Eigen::Vector3f to_face = offset.cwiseMax(Eigen::Vector3f::Constant(edge) - offset);
+  const float border = to_face.minCoeff(), border2 = border * border;
+  Eigen::Vector3f shift;  // of the neighbour along each axis
+  for (int a = 0; a < 3; ++a) shift[a] = offset[a] < 0.5F * edge ? -edge : edge;
+
+  constexpr float kFar = std::numeric_limits<float>::max();
+  Float4 best4 = {kFar, kFar, kFar, kFar}, other4 = best4;
+  Int4 best4_at = {0, 0, 0, 0};
+  float best1 = kFar, other1 = kFar;  // of the fifth slot
+  int best1_at = 0;
+  for (std::int32_t k = 0; k < query.count; ++k) {
+    const auto n = static_cast<std::size_t>(k);
+    const int corner = query.corners[n];
+    const Line& line = lines_[static_cast<std::size_t>(query.voxels[n])];
+    const float x = offset.x() - ((corner & 1) != 0 ? shift.x() : 0.0F);
+    const float y = offset.y() - ((corner & 2) != 0 ? shift.y() : 0.0F);
+    const float z = offset.z() - ((corner & 4) != 0 ? shift.z() : 0.0F);
+    const Float4 dx = load4(line.xyz[0]) - x, dy = load4(line.xyz[1]) - y, dz = load4(line.xyz[2]) - z;
+    const Float4 d2 = dx * dx + dy * dy + dz * dz;
+    const Int4 nearer = d2 < best4;
+    other4 = min4(other4, nearer ? best4 : d2);
+    best4_at = nearer ? Int4{k, k, k, k} : best4_at;
+    best4 = nearer ? d2 : best4;
+    const float ex = line.xyz[0][4] - x, ey = line.xyz[1][4] - y, ez = line.xyz[2][4] - z;
+    const float e2 = ex * ex + ey * ey + ez * ez;
+    const bool nearer1 = e2 < best1;
+    other1 = std::min(other1, nearer1 ? best1 : e2);
+    best1_at = nearer1 ? k : best1_at;
+    best1 = nearer1 ? e2 : best1;
+  }
+  float best2 = best1, other2 = other1;
+  int slot = 4, at = best1_at;
+  for (int s = 0; s < 4; ++s) {
+    const bool nearer = best4[s] < best2;
+    other2 = std::min(std::min(other2, other4[s]), nearer ? best2 : best4[s]);
+    slot = nearer ? s : slot;
+    at = nearer ? best4_at[s] : at;
+    best2 = nearer ? best4[s] : best2;
+  }
+  if (!(best2 < border2)) return nearest_of_27(query, margin_m);
+  NearestPoint nearest;
+  const auto n = static_cast<std::size_t>(at);
+  nearest.voxel = query.voxels[n];
+  nearest.slot = slot;
+  nearest.offset = lines_[static_cast<std::size_t>(nearest.voxel)].point(slot);
+  for (int a = 0; a < 3; ++a) nearest.offset[a] += (query.corners[n] >> a & 1) != 0 ? shift[a] : 0.0F;
+  nearest.distance_m = std::sqrt(best2);
+  nearest.other_distance_m = std::min(std::sqrt(other2), border);
+  return nearest;
+}
+
+NearestPoint LocalMap::nearest_of_27(const Probe& query, float margin_m) const {
+  const VoxelPoint& q = query.at;
   const auto edge = static_cast<float>(voxel_size_);
   const Voxel3i centre_block = block_of(q.voxel);
-  const std::int32_t centre = find_block(centre_block, cursor);
+  const std::int32_t centre = query.block;
   const Voxel3i in_block(q.voxel.x() & kMask, q.voxel.y() & kMask, q.voxel.z() & kMask);
   // Where there is no block, its neighbours are looked up when they are needed.
   constexpr std::int32_t kUnknown = -2;
@@ -92,26 +207,27 @@ NearestPoint LocalMap::nearest(const VoxelPoint& q, Cursor& cursor, float margin
                                     static_cast<float>(zs.step[k]) * edge);
         const Eigen::Vector3f from_corner = q.offset - shift;
         const Line* line = &lines_[static_cast<std::size_t>(v) * lines_per_voxel_];
-        const std::int32_t count = line->count;
         bool nearer = false;
-        for (std::int32_t first = 0; first < count; first += kPointsPerLine, ++line) {
-          const std::int32_t n = std::min(count - first, kPointsPerLine);
-          for (std::int32_t s = 0; s < n; ++s) {
-            const float dx = line->xyz[3 * s] - from_corner.x(), dy = line->xyz[3 * s + 1] - from_corner.y(),
-                        dz = line->xyz[3 * s + 2] - from_corner.z();
-            const float d2 = dx * dx + dy * dy + dz * dz;
-            if (d2 < best2) {
-              if (best.voxel >= 0) other2 = std::min(other2, best2);
-              best2 = d2;
-              best.voxel = v;
-              best.slot = first + s;
-              best.offset =
-                  shift + Eigen::Vector3f(line->xyz[3 * s], line->xyz[3 * s + 1], line->xyz[3 * s + 2]);
-              nearer = true;
-            } else {
-              other2 = std::min(other2, d2);
-            }
+        for (std::int32_t first = 0, count = line->count; first < count; first += kPointsPerLine, ++line) {
+          float d2[kPointsPerLine];
+          line->distances2(from_corner, d2);
+          float least = d2[0];
+          for (std::int32_t s = 1; s < kPointsPerLine; ++s) least = std::min(least, d2[s]);
+          if (least >= best2) {
+            other2 = std::min(other2, least);
+            continue;
           }
+          if (best.voxel >= 0) other2 = std::min(other2, best2);
+          std::int32_t slot = 0;
+          while (d2[slot] != least) ++slot;
+          for (std::int32_t s = 0; s < kPointsPerLine; ++s) {
+            if (s != slot) other2 = std::min(other2, d2[s]);
+          }
+          best2 = least;
+          best.voxel = v;
+          best.slot = first + slot;
+          best.offset = shift + line->point(slot);
+          nearer = true;
         }
         if (nearer) {
           const float reach = std::sqrt(best2) + margin_m;
@@ -126,25 +242,30 @@ NearestPoint LocalMap::nearest(const VoxelPoint& q, Cursor& cursor, float margin
 }
 
 Moments LocalMap::neighbourhood_moments(std::int32_t index) const {
-  // Rows along x, rows to layers along y, layers along z: a sum is moved along one axis at a time.
+  // Sums of a block's voxels are about its centre, and the few blocks' sums are moved to the voxel's corner.
   const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
-  const Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
-  const auto& steps = tables().steps[static_cast<std::size_t>(cell_of(voxel.coordinates))];
+  const Block& own = blocks_[static_cast<std::size_t>(voxel.block)];
+  const Reach& reach = tables().reach[voxel.cell];
+  const Eigen::Vector3d corner = voxel.coordinates.cast<double>() * voxel_size_;
   Moments sum;
-  std::size_t k = 0;
-  for (int z = -1; z <= 1; ++z) {
-    Moments layer;
-    for (int y = -1; y <= 1; ++y) {
-      Moments row;
-      for (int x = -1; x <= 1; ++x, ++k) {
-        const std::int32_t b = block.neighbours[steps[k].block];
-        if (b < 0) continue;
-        const std::int32_t v = blocks_[static_cast<std::size_t>(b)].cells[steps[k].cell];
-        if (v >= 0) row.add_shifted_along<0>(moments_[static_cast<std::size_t>(v)], x * voxel_size_);
-      }
-      if (row.n > 0.0) layer.add_shifted_along<1>(row, y * voxel_size_);
+  for (int k = 0; k < reach.blocks; ++k) {
+    const auto number = static_cast<std::size_t>(k);
+    const std::int32_t b = own.neighbours[reach.block[number]];
+    if (b < 0) continue;
+    const Block& block = blocks_[static_cast<std::size_t>(b)];
+    std::uint64_t cells = reach.cells[number] & block.occupied;
+    if (cells == 0) continue;
+    VoxelMoments total;
+    for (; cells != 0; cells &= cells - 1) {
+      const auto cell = static_cast<std::size_t>(__builtin_ctzll(cells));
+      const VoxelMoments& m = moments_[static_cast<std::size_t>(block.cells[cell])];
+      for (int i = 0; i < 10; ++i) total.v[i] += m.v[i];
     }
-    if (layer.n > 0.0) sum.add_shifted_along<2>(layer, z * voxel_size_);
+    Moments part;
+    part.n = total.v[0];
+    part.sum = Eigen::Map<const Eigen::Vector3d>(total.v + 1);
+    part.products = Eigen::Map<const Eigen::Matrix<double, 6, 1>>(total.v + 4);
+    sum.add_shifted(part, block_centre(block.coordinates) - corner);
   }
   return sum;
 }

@@ -18,6 +18,17 @@ void Moments::add(const Eigen::Vector3d& p) {
   products[5] += p.z() * p.z();
 }
 
+void Moments::add_shifted(const Moments& other, const Eigen::Vector3d& shift) {
+  const Eigen::Vector3d moved = other.n * shift;
+  int k = 0;
+  for (int a = 0; a < 3; ++a) {
+    for (int b = a; b < 3; ++b, ++k)
+      products[k] += other.products[k] + shift[a] * other.sum[b] + shift[b] * (other.sum[a] + moved[a]);
+  }
+  sum += other.sum + moved;
+  n += other.n;
+}
+
 Eigen::Matrix3d Moments::covariance() const {
   Eigen::Matrix3d c = Eigen::Matrix3d::Zero();
   if (n <= 0.0) return c;
@@ -33,39 +44,41 @@ Eigen::Matrix3d Moments::covariance() const {
 
 SmallestEigen smallest_eigenvector(const Eigen::Matrix3d& m) {
   SmallestEigen out;
-  // Closed form for the values (trigonometric solution of the characteristic cubic), scaled to keep its
-  // digits.
-  const double scale = m.cwiseAbs().maxCoeff();
-  if (!(scale > 0.0)) {
+  const double trace = m.trace();
+  if (!(trace > 0.0)) {
     out.values.setZero();
     out.normal = Eigen::Vector3d::UnitZ();
     return out;
   }
-  const Eigen::Matrix3d a = m / scale;
-  const double q = a.trace() / 3.0;
-  const double p2 = (a(0, 0) - q) * (a(0, 0) - q) + (a(1, 1) - q) * (a(1, 1) - q) +
-                    (a(2, 2) - q) * (a(2, 2) - q) +
-                    2.0 * (a(1, 0) * a(1, 0) + a(2, 0) * a(2, 0) + a(2, 1) * a(2, 1));
-  const double p = std::sqrt(p2 / 6.0);
-  if (p > 1e-9) {
-    const Eigen::Matrix3d b = (a - q * Eigen::Matrix3d::Identity()) / p;
-    const double half_det = std::clamp(0.5 * b.determinant(), -1.0, 1.0);
-    const double angle = std::acos(half_det) / 3.0;
-    const double l1 = q + 2.0 * p * std::cos(angle);
-    const double l3 = q + 2.0 * p * std::cos(angle + 2.0 * M_PI / 3.0);
-    const double l2 = 3.0 * q - l1 - l3;
-    // (A - l1 I)(A - l2 I) has columns along l3's eigenvector; take the longest.
-    const Eigen::Matrix3d c = (a - l1 * Eigen::Matrix3d::Identity()) * (a - l2 * Eigen::Matrix3d::Identity());
-    const Eigen::Vector3d norms = c.colwise().squaredNorm();
-    Eigen::Index k = 0;
-    const double best = norms.maxCoeff(&k);
-    if (best > 1e-14) {
-      out.values = scale * Eigen::Vector3d(l1, l2, std::max(0.0, l3));
-      out.normal = c.col(k) / std::sqrt(best);
-      return out;
-    }
+  // Newton's method on the characteristic polynomial x^3 - x^2 + c1 x - c0 of m / trace, from 0: it rises to
+  // the smallest root without passing it, the faster the farther away the next one is.
+  const Eigen::Matrix3d a = m / trace;
+  const double c1 = a(0, 0) * a(1, 1) - a(1, 0) * a(1, 0) + a(0, 0) * a(2, 2) - a(2, 0) * a(2, 0) +
+                    a(1, 1) * a(2, 2) - a(2, 1) * a(2, 1);
+  const double c0 = a.determinant();
+  constexpr int kMostSteps = 8;
+  constexpr double kStill = 1e-11, kLeastCross2 = 1e-14;
+  double x = 0.0;
+  for (int i = 0; i < kMostSteps; ++i) {
+    const double slope = (3.0 * x - 2.0) * x + c1;
+    if (!(slope > 0.0)) break;
+    const double step = (((x - 1.0) * x + c1) * x - c0) / slope;
+    x -= step;
+    if (std::abs(step) > kStill) continue;
+    // The rows of a - x I span the plane across the eigenvector.
+    const Eigen::Matrix3d rows = a - x * Eigen::Matrix3d::Identity();
+    const Eigen::Vector3d crosses[3] = {rows.col(0).cross(rows.col(1)), rows.col(0).cross(rows.col(2)),
+                                        rows.col(1).cross(rows.col(2))};
+    const double norms[3] = {crosses[0].squaredNorm(), crosses[1].squaredNorm(), crosses[2].squaredNorm()};
+    const auto k = std::max_element(norms, norms + 3) - norms;
+    if (norms[k] < kLeastCross2) break;
+    const double half = 0.5 * (1.0 - x);
+    const double spread = std::sqrt(std::max(0.0, half * half - (c1 - x * (1.0 - x))));
+    out.values = trace * Eigen::Vector3d(half + spread, half - spread, std::max(0.0, x));
+    out.normal = crosses[k] / std::sqrt(norms[k]);
+    return out;
   }
-  // Repeated eigenvalues: the closed form has no direction to give.
+  // Two nearly equal smallest eigenvalues.
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(m);
   out.values = solver.eigenvalues().reverse().cwiseMax(0.0);
   out.normal = solver.eigenvectors().col(0);
@@ -75,14 +88,12 @@ SmallestEigen smallest_eigenvector(const Eigen::Matrix3d& m) {
 Planarity analyse(const Moments& moments) {
   Planarity out;
   out.n = static_cast<float>(moments.n);
-  out.mean = moments.mean().cast<float>();
   if (moments.n < 3.0) return out;
   const SmallestEigen e = smallest_eigenvector(moments.covariance());
   const double total = e.values.sum();
   if (!(total > 0.0)) return out;
   out.normal = e.normal.cast<float>();
   out.score = static_cast<float>(e.values[2] / total);
-  out.linearity = static_cast<float>((e.values[0] - e.values[1]) / e.values[0]);
   return out;
 }
 

@@ -15,21 +15,8 @@ struct Moments {
   Eigen::Matrix<double, 6, 1> products = Eigen::Matrix<double, 6, 1>::Zero();
 
   void add(const Eigen::Vector3d& p);
-  /// Adds `other`, whose reference lies at `shift` [m] along an axis (0, 1 or 2) from this one's.
-  template <int axis>
-  void add_shifted_along(const Moments& other, double shift) {
-    // Places of the axis' own product and of its products with the next two axes.
-    constexpr int kOwn[] = {0, 3, 5}, kFirst[] = {1, 1, 2}, kSecond[] = {2, 4, 4};
-    constexpr int kFirstAxis[] = {1, 0, 0}, kSecondAxis[] = {2, 2, 1};
-    const double moved = other.n * shift;
-    products += other.products;
-    products[kOwn[axis]] += shift * (2.0 * other.sum[axis] + moved);
-    products[kFirst[axis]] += shift * other.sum[kFirstAxis[axis]];
-    products[kSecond[axis]] += shift * other.sum[kSecondAxis[axis]];
-    sum += other.sum;
-    sum[axis] += moved;
-    n += other.n;
-  }
+  /// Adds `other`, whose reference lies at `shift` [m] from this one's.
+  void add_shifted(const Moments& other, const Eigen::Vector3d& shift);
   /// Covariance (1/n) sum (p - mean)(p - mean)^T [m^2]; zero for n = 0.
   Eigen::Matrix3d covariance() const;
   Eigen::Vector3d mean() const { return n > 0.0 ? Eigen::Vector3d(sum / n) : Eigen::Vector3d::Zero(); }
@@ -38,10 +25,8 @@ struct Moments {
 /// Shape of a neighbourhood.
 struct Planarity {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< Unit eigenvector of the smallest eigenvalue.
-  Eigen::Vector3f mean = Eigen::Vector3f::Zero();    ///< Of the neighbourhood, from the voxel's corner [m].
   float score = 1.0F;                                ///< s = l3 / (l1 + l2 + l3), 0..1/3; 1: too few points.
   float n = 0.0F;                                    ///< Points in the neighbourhood.
-  float linearity = 0.0F;  ///< (l1 - l2) / l1, 0..1; near 1 the points lie on a line.
 };
 
 /// Eigenvalue analysis of a neighbourhood's moments.
