@@ -192,11 +192,12 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   entry.diagnostics = o.diagnostics;
   const double submap_length = submap_length_m();
   map_.find_candidates(points_, pose, parallel_);
+  builder_.find_new(source_, pose, parallel_);
   parallel_.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
     if (block == 0) {
       map_.insert_candidates();
     } else {
-      out.finished_submap = builder_.add(source_, pose, entry, o.n_skipped, submap_length);
+      out.finished_submap = builder_.add_new(pose, entry, o.n_skipped, submap_length);
     }
   });
   // Eviction visits every block, so it waits until the sensor has moved by a few of them.

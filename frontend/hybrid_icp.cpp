@@ -9,8 +9,8 @@
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kBlock =
-    256;  // source points a block; fixed, so that sums do not depend on the threads
+// Source points a block; fixed, so that sums do not depend on the threads.
+constexpr std::size_t kBlock = PlaneBatch::kMost;
 
 class Stopwatch {
  public:
@@ -27,8 +27,8 @@ class Stopwatch {
 };
 
 // IRLS weight of the Geman-McClure loss rho(e) = e^2 / (e^2 + c^2), up to the constant factor 2.
-double robust_weight(double squared_error, double c2) {
-  const double d = squared_error + c2;
+float robust_weight(float squared_error, float c2) {
+  const float d = squared_error + c2;
   return c2 / (d * d);
 }
 
@@ -36,8 +36,8 @@ constexpr std::size_t kAhead = 6;        // queries that the memory is asked for
 constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's direction
 // An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
-constexpr double kFit2 = 0.5 * 0.5;  // [m^2], scale of IcpResult::fit
-constexpr float kEmptyMove = 0.2F;   // of a voxel
+constexpr float kFit2 = 0.5F * 0.5F;  // [m^2], scale of IcpResult::fit
+constexpr float kEmptyMove = 0.2F;    // of a voxel
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
 
@@ -115,6 +115,18 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
   part.fresh.resize(found);
 }
 
+// The map's answer, or one of our own where that is stale. Neighbours in a sweep ask for the same voxel in
+// turn.
+const Planarity& HybridIcp::shape_of(const LocalMap& map, std::int32_t voxel, Part& part) {
+  if (!map.planarity_stale(voxel)) return map.planarity(voxel);
+  std::uint32_t& recent = part.recent[static_cast<std::uint32_t>(voxel) % part.recent.size()];
+  if (recent >= part.planarities.size() || part.planarities[recent].first != voxel) {
+    recent = static_cast<std::uint32_t>(part.planarities.size());
+    part.planarities.emplace_back(voxel, analyse(map.neighbourhood_moments(voxel)));
+  }
+  return part.planarities[recent].second;
+}
+
 void HybridIcp::classify(const LocalMap& map, Part& part) {
   part.planarities.clear();
   const auto n_min = static_cast<float>(config_.n_min);
@@ -122,11 +134,7 @@ void HybridIcp::classify(const LocalMap& map, Part& part) {
     Correspondence& c = correspondences_[i];
     c.normal.setZero();
     if (config_.mode == IcpMode::kPointToPoint) continue;
-    if (map.planarity_stale(c.voxel)) {
-      part.planarities.emplace_back(c.voxel, analyse(map.neighbourhood_moments(c.voxel)));
-    }
-    const Planarity& shape =
-        map.planarity_stale(c.voxel) ? part.planarities.back().second : map.planarity(c.voxel);
+    const Planarity& shape = shape_of(map, c.voxel, part);
     if (shape.n < n_min) continue;
     double tau = 1.0;
     if (config_.mode == IcpMode::kFixedThreshold) {
@@ -141,30 +149,39 @@ void HybridIcp::classify(const LocalMap& map, Part& part) {
 
 void HybridIcp::accumulate(const Selection& source, const Pose& local_from_source, double sigma_m,
                            Part& part) const {
-  const Eigen::Matrix3d r = local_from_source.rotation.toRotationMatrix();
-  const Eigen::Vector3d t = local_from_source.translation;
-  const double c2 = sigma_m * sigma_m;
-  const double max2 = 9.0 * c2;
+  const Eigen::Matrix3f r = local_from_source.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = local_from_source.translation.cast<float>();
+  const auto c2 = static_cast<float>(sigma_m * sigma_m);
+  const float max2 = 9.0F * c2;
   const bool plane_only = config_.mode == IcpMode::kPointToPlane;
   NormalEquations& sums = part.sums;
   sums = NormalEquations();
+  PlaneBatch planes;
+  PointBatch points, plane_points;
+  float fit = 0.0F;
   for (std::size_t i = source.begin; i < source.end; i += source.stride) {
     const Correspondence& c = correspondences_[i];
     if (c.voxel < 0) continue;
-    const Eigen::Vector3d p = r * source.points[i].cast<double>() + t;
-    const Eigen::Vector3d residual = p - c.target.cast<double>();
-    const double squared = residual.squaredNorm();
+    const Eigen::Vector3f p = r * source.points[i] + t;
+    const Eigen::Vector3f d = p - c.target;
+    const float squared = d.squaredNorm();
     if (squared > max2) continue;
-    const Eigen::Vector3d n = c.normal.cast<double>();
-    const double e = n.dot(residual);
-    sums.fit += kFit2 / (kFit2 + squared);
-    if (c.normal != Eigen::Vector3f::Zero()) {
-      sums.planar.add(p, n, e, robust_weight(e * e, c2));
-      if (in_plane_needed_) sums.planar_points.add(p, residual, robust_weight(squared, c2));
+    fit += kFit2 / (kFit2 + squared);
+    const Eigen::Vector3f& n = c.normal;
+    if (n != Eigen::Vector3f::Zero()) {
+      const float e = n.dot(d);
+      planes.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), e, robust_weight(e * e, c2)});
+      if (in_plane_needed_) {
+        plane_points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, c2)});
+      }
     } else if (!plane_only) {
-      sums.non_planar.add(p, residual, robust_weight(squared, c2));
+      points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, c2)});
     }
   }
+  sums.fit = static_cast<double>(fit);
+  planes.flush(sums.planar);
+  points.flush(sums.non_planar);
+  if (in_plane_needed_) plane_points.flush(sums.planar_points);
 }
 
 // Correspondences and their sums in one pass over the points, block by block while they are in the cache.

@@ -2,6 +2,7 @@
 // point-to-point where it is not, balanced by what is seen, Geman-McClure with c = sigma, Gauss-Newton on
 // se(3).
 #pragma once
+#include <array>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "frontend/local_map.hpp"
 #include "frontend/normal_equations.hpp"
 #include "frontend/parallel.hpp"
+#include "frontend/residual_batch.hpp"
 
 namespace hp2 {
 
@@ -107,6 +109,7 @@ class HybridIcp {
     std::vector<std::uint32_t> fresh;     // correspondences found by this iteration's search
     std::vector<LocalMap::Probe> probes;  // its queries
     std::vector<std::pair<std::int32_t, Planarity>> planarities;  // computed for voxels where it was stale
+    std::array<std::uint32_t, 128> recent{};                      // of these, by voxel: the last one
     double ms[3] = {};                                            // search, planarity, sums
   };
   // One iteration's source points: every `stride`-th of them.
@@ -121,6 +124,7 @@ class HybridIcp {
                             const Pose& local_from_source, double sigma_m, const Parallel& parallel,
                             IcpResult& result);
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
+  static const Planarity& shape_of(const LocalMap& map, std::int32_t voxel, Part& part);
   void classify(const LocalMap& map, Part& part);
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
   double support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,

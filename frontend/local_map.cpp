@@ -15,7 +15,8 @@ LocalMap::LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spa
       capacity_(static_cast<std::size_t>(std::clamp(max_points_per_voxel, 1, 255))),
       lines_per_voxel_((capacity_ + kPointsPerLine - 1) / kPointsPerLine),
       min_spacing_(min_spacing_m),
-      min_spacing2_(static_cast<float>(min_spacing_m * min_spacing_m)) {}
+      min_spacing2_(static_cast<float>(min_spacing_m * min_spacing_m)),
+      half_(static_cast<float>(0.5 * voxel_size_m)) {}
 
 VoxelPoint LocalMap::locate(const Eigen::Vector3d& p) const {
   const Eigen::Vector3d scaled = p * inverse_voxel_size_;

@@ -233,7 +233,7 @@ class LocalMap {
   double voxel_size_, inverse_voxel_size_;
   std::size_t capacity_, lines_per_voxel_;
   double min_spacing_;
-  float min_spacing2_;
+  float min_spacing2_, half_;  // half_: of a voxel's edge [m]
   std::size_t point_count_ = 0;
   tsl::robin_map<std::uint64_t, std::int32_t, VoxelKeyHash> block_index_;
   std::vector<Block> blocks_;

@@ -36,8 +36,16 @@ struct Reach {
   std::array<std::uint64_t, 8> cells{};  ///< Bit c: cell c of that block.
 };
 
+/// A voxel next to a cell: which of the 27 blocks around the cell's own it is in, and which cell there.
+struct Step {
+  std::uint8_t block, cell;
+};
+
 struct Tables {
   std::array<Reach, 64> reach;
+  /// For each cell, and each of its corners (bit a: the upper one along axis a): the eight voxels that meet
+  /// there, bit a of their number: the neighbour along axis a instead of the cell itself.
+  std::array<std::array<Step, 8>, 512> octants;
 
   Tables() {
     for (int c = 0; c < 64; ++c) {
@@ -52,6 +60,15 @@ struct Tables {
         if (cells[k] == 0) continue;
         r.block[static_cast<std::size_t>(r.blocks)] = static_cast<std::uint8_t>(k);
         r.cells[static_cast<std::size_t>(r.blocks++)] = cells[k];
+      }
+      for (int o = 0; o < 8; ++o) {
+        for (int k = 0; k < 8; ++k) {
+          Eigen::Vector3i v = cell;
+          for (int a = 0; a < 3; ++a) v[a] += (k >> a & 1) * ((o >> a & 1) != 0 ? 1 : -1);
+          octants[static_cast<std::size_t>(8 * c + o)][static_cast<std::size_t>(k)] = {
+              static_cast<std::uint8_t>(neighbour_number(block_of(v))),
+              static_cast<std::uint8_t>(cell_of(v))};
+        }
       }
     }
   }

@@ -1,29 +1,17 @@
 // What is asked of the local map for every correspondence: the nearest point, and the moments around it.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 #include "frontend/local_map.hpp"
 #include "frontend/local_map_blocks.hpp"
+#include "frontend/simd.hpp"
 
 namespace hp2 {
 
 using namespace map_blocks;
 
 namespace {
-
-// Four floats of a vector register, whatever the processor.
-using Float4 = float __attribute__((vector_size(16)));
-using Int4 = std::int32_t __attribute__((vector_size(16)));
-
-Float4 load4(const float* from) {
-  Float4 v;
-  std::memcpy(&v, from, sizeof(v));
-  return v;
-}
-
-Float4 min4(Float4 a, Float4 b) { return a < b ? a : b; }
 
 // The three slabs of voxels along one axis, the nearest first.
 struct Slabs {
@@ -61,23 +49,14 @@ void LocalMap::look_around(Probe& p) const {
   p.count = 0;
   if (p.block < 0) return;
   const Block& block = blocks_[static_cast<std::size_t>(p.block)];
-  const auto half = static_cast<float>(0.5 * voxel_size_);
-  // Along each axis, for the own voxel and its neighbour: parts of the block's and of the cell's number.
-  int links[3][2], cells[3][2];
-  for (int a = 0, link_step = 1; a < 3; ++a, link_step *= 3) {
-    const int own = p.at.voxel[a] & kMask, other = own + (p.at.offset[a] < half ? -1 : 1);
-    links[a][0] = link_step;
-    links[a][1] = link_step * ((other >> kBits) + 1);
-    cells[a][0] = own << (a * kBits);
-    cells[a][1] = (other & kMask) << (a * kBits);
-  }
+  const int octant = (p.at.offset.x() < half_ ? 0 : 1) | (p.at.offset.y() < half_ ? 0 : 2) |
+                     (p.at.offset.z() < half_ ? 0 : 4);
+  const auto& steps = tables().octants[static_cast<std::size_t>(cell_of(p.at.voxel) * 8 + octant)];
   for (int k = 0; k < 8; ++k) {
-    const int i = k & 1, j = k >> 1 & 1, l = k >> 2;
-    const std::int32_t b =
-        block.neighbours[static_cast<std::size_t>(links[0][i] + links[1][j] + links[2][l])];
+    const Step step = steps[static_cast<std::size_t>(k)];
+    const std::int32_t b = block.neighbours[step.block];
     if (b < 0) continue;
-    const std::int32_t v = blocks_[static_cast<std::size_t>(b)]
-                               .cells[static_cast<std::size_t>(cells[0][i] | cells[1][j] | cells[2][l])];
+    const std::int32_t v = blocks_[static_cast<std::size_t>(b)].cells[step.cell];
     const auto n = static_cast<std::size_t>(p.count);
     p.voxels[n] = v;
     p.corners[n] = static_cast<std::uint8_t>(k);
@@ -96,7 +75,7 @@ NearestPoint LocalMap::nearest(const Probe& query, float margin_m) const {
   const Eigen::Vector3f to_face = offset.cwiseMax(Eigen::Vector3f::Constant(edge) - offset);
   const float border = to_face.minCoeff(), border2 = border * border;
   Eigen::Vector3f shift;  // of the neighbour along each axis
-  for (int a = 0; a < 3; ++a) shift[a] = offset[a] < 0.5F * edge ? -edge : edge;
+  for (int a = 0; a < 3; ++a) shift[a] = offset[a] < half_ ? -edge : edge;
 
   constexpr float kFar = std::numeric_limits<float>::max();
   Float4 best4 = {kFar, kFar, kFar, kFar}, other4 = best4;

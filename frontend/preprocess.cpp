@@ -54,7 +54,7 @@ void voxel_keys(const Scan& scan, std::size_t begin, std::size_t end, float min2
 void Preprocessor::KeySet::clear(std::size_t expected) {
   std::size_t want = 1024;
   while (want < 2 * expected) want *= 2;
-  slots_.assign(std::max(want, slots_.size()), kDropped);
+  slots_.assign(want, kDropped);
   mask_ = slots_.size() - 1;
   size_ = 0;
 }

@@ -16,9 +16,29 @@ constexpr std::size_t kWorthASubmap = 10;
 
 SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
 
-std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& points,
-                                         const Pose& odom_from_sensor, ScanPose& scan,
-                                         std::int64_t skipped_before, double length_m) {
+void SubmapBuilder::find_new(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
+                             const Parallel& parallel) {
+  constexpr std::size_t kPart = 1024;
+  const Pose submap_from_sensor = submap_.odom_from_submap.inverse() * odom_from_sensor;
+  const Eigen::Matrix3f r = submap_from_sensor.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = submap_from_sensor.translation.cast<float>();
+  const auto inverse_voxel = static_cast<float>(inverse_voxel_);
+  new_parts_ = Parallel::block_count(points.size(), kPart);
+  if (new_points_.size() < new_parts_) new_points_.resize(new_parts_);
+  parallel.for_blocks(points.size(), kPart, [&](std::size_t part, std::size_t begin, std::size_t end) {
+    auto& found = new_points_[part];
+    found.clear();
+    for (std::size_t i = begin; i < end; ++i) {
+      const Eigen::Vector3f p = r * points[i] + t;
+      const Eigen::Vector3i voxel = (p * inverse_voxel).array().floor().cast<int>();
+      const std::uint64_t key = voxel_key(voxel);
+      if (voxels_.count(key) == 0) found.push_back({p, key});
+    }
+  });
+}
+
+std::optional<Submap> SubmapBuilder::add_new(const Pose& odom_from_sensor, ScanPose& scan,
+                                             std::int64_t skipped_before, double length_m) {
   scan.submap_from_sensor = submap_.odom_from_submap.inverse() * odom_from_sensor;
   const bool first_of_session = submap_.id == 0 && submap_.scans.empty();
   const bool lost_here = scan.state == TrackingState::kLost &&
@@ -30,17 +50,15 @@ std::optional<Submap> SubmapBuilder::add(const std::vector<Eigen::Vector3f>& poi
   last_odom_from_sensor_ = odom_from_sensor;
   submap_.scans_skipped += skipped_before;
 
-  const Eigen::Matrix3f r = scan.submap_from_sensor.rotation.toRotationMatrix().cast<float>();
-  const Eigen::Vector3f t = scan.submap_from_sensor.translation.cast<float>();
-  const auto inverse_voxel = static_cast<float>(inverse_voxel_);
   const auto index = static_cast<std::int32_t>(submap_.scans.size());
-  for (const auto& point : points) {
-    const Eigen::Vector3f p = r * point + t;
-    const Eigen::Vector3i voxel = (p * inverse_voxel).array().floor().cast<int>();
-    if (!voxels_.insert(voxel_key(voxel)).second) continue;
-    submap_.points.push_back(p);
-    submap_.scan_indices.push_back(index);
+  for (std::size_t part = 0; part < new_parts_; ++part) {
+    for (const NewPoint& found : new_points_[part]) {
+      if (!voxels_.insert(found.key).second) continue;
+      submap_.points.push_back(found.point);
+      submap_.scan_indices.push_back(index);
+    }
   }
+  new_parts_ = 0;
   submap_.scans.push_back(scan);
   const bool cut_at_loss = lost_here && submap_.scans.size() > kWorthASubmap;
   if (submap_.travelled_m < length_m && !cut_at_loss) return std::nullopt;

@@ -10,6 +10,7 @@
 
 #include "common/byte_io.hpp"
 #include "common/submap.hpp"
+#include "frontend/parallel.hpp"
 #include "frontend/voxel_key.hpp"
 
 namespace hp2 {
@@ -33,7 +34,16 @@ class SubmapBuilder {
   /// @param length_m the submap ends once so much was travelled in it (beta)
   /// @return the submap if this scan finished it; the next one then begins at this scan's pose
   std::optional<Submap> add(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
-                            ScanPose& scan, std::int64_t skipped_before, double length_m);
+                            ScanPose& scan, std::int64_t skipped_before, double length_m) {
+    find_new(points, odom_from_sensor, Parallel(1));
+    return add_new(odom_from_sensor, scan, skipped_before, length_m);
+  }
+  /// The same in two steps: the first one, which finds the points of new voxels, reads only and runs in
+  /// parallel.
+  void find_new(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
+                const Parallel& parallel);
+  std::optional<Submap> add_new(const Pose& odom_from_sensor, ScanPose& scan, std::int64_t skipped_before,
+                                double length_m);
   /// Cuts the open submap wherever it is; nothing if it holds no scan.
   std::optional<Submap> finish();
 
@@ -42,12 +52,19 @@ class SubmapBuilder {
   void load(ByteReader& in);
 
  private:
+  // A point whose voxel had none before this scan.
+  struct NewPoint {
+    Eigen::Vector3f point;  // submap frame
+    std::uint64_t key;
+  };
   Submap cut();
 
   double inverse_voxel_;
   Submap submap_;
   Pose last_odom_from_sensor_;
   tsl::robin_set<std::uint64_t, VoxelKeyHash> voxels_;
+  std::vector<std::vector<NewPoint>> new_points_;  // of find_new(), part by part
+  std::size_t new_parts_ = 0;                      // that are filled
 };
 
 /// Fills `submap.normals`: the unit normal of the points in the 27 voxels of 1 m around each point where they
