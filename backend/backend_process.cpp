@@ -148,15 +148,17 @@ void BackendProcess::keep_statuses(bool now) {
       {{"processes", as_text(peers_as_json(presence_))}, {"warnings", as_text(warnings_as_json(presence_))}});
 }
 
-// The session is complete and nobody who is there waits for this process any more.
+// The session is complete and nobody waits for this process any more, neither who is there nor who is silent
+// because a link is down.
 bool BackendProcess::nobody_waits() const {
-  if (!now_.ended) return false;
-  for (const Peer* viewer : presence_.all_live("hp2_viewer_headless")) {
+  if (!now_.ended || bus_.now_us() - started_us_ < kLingerUs) return false;
+  for (const Peer* viewer : presence_.all_missed("hp2_viewer_headless")) {
     if (done_viewers_.count(viewer->status.sender_id) == 0) return false;
   }
   // A front-end that has just begun, or does not know yet that all is stored, would wait for this process for
-  // ever.
-  return presence_.live("hp2_frontend") == nullptr && bus_.now_us() - started_us_ > kLingerUs;
+  // ever. Once one knows it the others, who ran the session before it, are of the past.
+  if (presence_.live("hp2_frontend") != nullptr) return false;
+  return resume_.over() || presence_.all_missed("hp2_frontend").empty();
 }
 
 bool BackendProcess::time_to_go() {

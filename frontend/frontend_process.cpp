@@ -101,7 +101,8 @@ void FrontendProcess::begin(std::int64_t next_submap, std::int64_t next_sequence
   in_worker_ = 0;
   next_sequence_ = next_sequence;
   last_given_ = next_sequence - 1;
-  behind_since_us_ = 0;
+  behind_since_us_ = over_since_us_ = 0;
+  resume_.acknowledge(0, 0);
   scans_.seek(next_sequence);
   scans_.acknowledge(next_sequence, next_sequence);
   scans_.set_silent(false);
@@ -225,13 +226,16 @@ bool FrontendProcess::over() {
   if (!options_.standalone && !(resume && resume->ended != 0)) return false;
   if (over_since_us_ == 0) over_since_us_ = bus_.now_us();
   scans_.acknowledge(next_sequence_, fetch_t::ALL);
-  // The player may have missed that it can go: stay while it still asks.
-  const offer_t* offer = scans_.offer();
-  const auto player = offer == nullptr ? presence_.peers().end() : presence_.peers().find(offer->sender_id);
-  const bool gone = player != presence_.peers().end() && (player->second.status.state == status_t::FINISHED ||
-                                                          player->second.status.state == status_t::FAILED);
-  const bool player_waits = offer != nullptr && !gone && bus_.now_us() - over_since_us_ < 4 * kLingerUs;
-  return !player_waits && bus_.now_us() - over_since_us_ > kLingerUs / 6;
+  resume_.acknowledge(resume->next_id, fetch_t::ALL);
+  // The player may have missed that it can go: stay while it offers scans, and while it is silent because a
+  // link is down.
+  const std::int64_t now = bus_.now_us();
+  if (scans_.offer() == nullptr) silent_player_us_ = now;
+  const auto& offer = scans_.last_offer();
+  const bool player_waits = offer && presence_.missed(offer->sender_id) &&
+                            now - std::max(over_since_us_, silent_player_us_) < 4 * kLingerUs &&
+                            now - over_since_us_ < 12 * kLingerUs;
+  return !player_waits && now - over_since_us_ > kLingerUs / 6;
 }
 
 void FrontendProcess::report() {

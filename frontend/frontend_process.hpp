@@ -70,6 +70,7 @@ class FrontendProcess {
   std::int64_t odometry_number_ = 0;
   std::int64_t behind_since_us_ = 0;  // the back-end has less than it confirmed, since
   std::int64_t over_since_us_ = 0;
+  std::int64_t silent_player_us_ = 0;  // its offers did not come
   int exit_status_ = 0;
 };
 

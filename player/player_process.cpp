@@ -11,6 +11,7 @@ namespace hp2 {
 namespace {
 
 constexpr std::int64_t kAssumedPeriodUs = 100'000;
+constexpr std::int64_t kUnaskedUs = 5'000'000;
 constexpr int kStopped = 130;
 
 // Mean recorded time between two scans [s].
@@ -38,6 +39,11 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
       progress_(total_, scan_period_s(source)),
       paused_(options.start_paused) {
   endpoint_.adopt_session_from({kResumeTopic, kSubmapTopic});
+  // The back-end offers the state to take the session up from: of one that has ended, that it has.
+  endpoint_.watch_offers(kResumeTopic, [this](const offer_t& offer) {
+    if (offer.ended == 0) session_ended_us_ = 0;
+    if (offer.ended != 0 && session_ended_us_ == 0) session_ended_us_ = bus_.now_us();
+  });
   outbox_.send_for_any_session();
   loader_.set_end(total_);
   for (const auto& warning : source.warnings()) presence_.warn(warning);
@@ -112,6 +118,8 @@ void PlayerProcess::report() {
   report.total = total_;
   if (endpoint_.session_id() == 0) {
     report.text = "waiting for a back-end or a front-end on the bus";
+  } else if (session_ended_us_ != 0) {
+    report.text = "the session is complete";
   } else if (outbox_.heard_us() == 0) {
     report.text = "waiting for a front-end to ask for scans";
   } else if (paused_) {
@@ -126,6 +134,13 @@ void PlayerProcess::report() {
   const bool waiting = report.state == status_t::WAITING;
   progress_.show(report.done, presence_.rate(),
                  waiting || paused_ || report.done == total_ ? report.text : "", bus_.now_us());
+}
+
+// The session is complete, and there is no front-end (any more) that would say so: it was killed, or began
+// after the back-end had left.
+bool PlayerProcess::nobody_asks() const {
+  return session_ended_us_ != 0 &&
+         bus_.now_us() - std::max(session_ended_us_, outbox_.heard_us()) > kUnaskedUs;
 }
 
 bool PlayerProcess::end(int status, const std::string& text) {
@@ -148,6 +163,7 @@ bool PlayerProcess::tick() {
   endpoint_.poll();
   if (outbox_.done_id() >= total_) return end(0, "every scan is registered and stored");
   if (outbox_.over()) return end(0, "the front-end has ended the session");
+  if (nobody_asks()) return end(0, "the session is complete");
   if (stop_ || stop_signals() > 0) return end(kStopped, "stopped");
   if (stop_all_) return end(0, "the session is ended by a command");
   report();

@@ -21,9 +21,11 @@ processes="hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control h
 fuzz_targets="messages point_files logs trajectories"
 # Without -g and with few optimisations a sanitizer build takes as long as a plain one.
 sanitizer_options=(-DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1)
-words=("$@")
+words=("$@") prefix=()
 
-run() { ctest --test-dir "$1" --output-on-failure --no-tests=error "${@:2}" ${words[@]+"${words[@]}"}; }
+run() {
+  ${prefix[@]+"${prefix[@]}"} ctest --test-dir "$1" --output-on-failure --no-tests=error "${@:2}" ${words[@]+"${words[@]}"}
+}
 
 timed() {
   local since=$SECONDS
@@ -54,8 +56,10 @@ sanitize() {
 }
 
 tsan() {
-  timed "thread sanitizer build" scripts/setup.sh --build build-tsan --targets "$unit_programs $processes" \
-    -DHP2_SANITIZE=thread "${sanitizer_options[@]}"
+  # It dies at the start where the kernel spreads a program's memory further than it knows (vm.mmap_rnd_bits above 28).
+  if setarch "$(uname -m)" -R true 2>/dev/null; then prefix=(setarch "$(uname -m)" -R); fi
+  timed "thread sanitizer build" ${prefix[@]+"${prefix[@]}"} scripts/setup.sh --build build-tsan \
+    --targets "$unit_programs $processes" -DHP2_SANITIZE=thread "${sanitizer_options[@]}"
   export TSAN_OPTIONS="suppressions=$PWD/tests/tsan.supp:halt_on_error=0:exitcode=66:second_deadlock_stack=1"
   timed "unit tests with the thread sanitizer" run build-tsan -L unit -j "$(nproc)"
   timed "integration tests with the thread sanitizer" run build-tsan -L integration

@@ -15,7 +15,8 @@ namespace {
 
 constexpr std::int64_t kSubmapsAhead = 3;
 constexpr int kOdometryQueue = 64;
-constexpr std::int64_t kLingerUs = 1'000'000;
+constexpr std::int64_t kLingerUs = 2'000'000;  // more than it takes to see that an owner is silent
+constexpr std::int64_t kMostLingerUs = 30'000'000;
 constexpr std::int64_t kBackendGoneUs = 5'000'000;
 constexpr std::int64_t kPairedUs = 2'000;
 
@@ -168,14 +169,16 @@ void ViewerProcess::report() {
   presence_.set(report);
 }
 
-// The back-end may not have heard yet that everything is written. Its offers tell that it is there: a session that is
-// written quickly is finished before the back-end's first STATUS has come.
+// The back-end may not have heard yet that everything is written. Its offers tell that it is there: a session
+// that is written quickly is finished before the back-end's first STATUS has come. While it is silent the
+// link may be down.
 bool ViewerProcess::backend_waits() {
-  if (written_us_ == 0) written_us_ = bus_.now_us();
-  const offer_t* offer = graph_.offer();
-  if (offer == nullptr || bus_.now_us() - written_us_ > kLingerUs) return false;
-  const auto backend = presence_.peers().find(offer->sender_id);
-  return backend == presence_.peers().end() || backend->second.status.state != status_t::FINISHED;
+  const std::int64_t now = bus_.now_us();
+  if (written_us_ == 0) written_us_ = told_since_us_ = now;
+  const auto& offer = graph_.last_offer();
+  if (!offer || !presence_.missed(offer->sender_id) || now - written_us_ > kMostLingerUs) return false;
+  if (graph_.offer() == nullptr) told_since_us_ = now;
+  return now - told_since_us_ < kLingerUs;
 }
 
 bool ViewerProcess::tick() {

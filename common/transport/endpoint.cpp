@@ -68,6 +68,8 @@ void Endpoint::on_offer(const std::uint8_t* data, std::size_t size) {
   for (auto* inbox : inboxes_) {
     if (inbox->topic() == offer.topic) inbox->on_offer(offer);
   }
+  const auto watcher = watchers_.find(offer.topic);
+  if (watcher != watchers_.end()) watcher->second(offer);
 }
 
 void Endpoint::on_fetch(const std::uint8_t* data, std::size_t size) {

@@ -2,9 +2,11 @@
 // to which it hands the offers and fetches that it hears.
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/transport/bus.hpp"
@@ -33,6 +35,11 @@ class Endpoint {
   void set_session(std::int64_t session_id);
   /// Take over the session of the first offer heard on one of these topics.
   void adopt_session_from(std::set<std::string> topics) { adopt_from_ = std::move(topics); }
+  /// Calls `callback` with every offer of this session on `topic`, whose messages this process does not
+  /// fetch.
+  void watch_offers(const std::string& topic, std::function<void(const offer_t&)> callback) {
+    watchers_[topic] = std::move(callback);
+  }
 
   Counters& counters() { return counters_; }
   /// Counts a message that was refused and logs why, at most once a second.
@@ -65,6 +72,7 @@ class Endpoint {
   std::int64_t sender_id_ = 0;
   std::int64_t session_id_ = 0;
   std::set<std::string> adopt_from_;
+  std::map<std::string, std::function<void(const offer_t&)>> watchers_;
   std::vector<Outbox*> outboxes_;
   std::vector<Inbox*> inboxes_;
   Counters counters_;

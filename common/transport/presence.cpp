@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
+#include <csignal>
 #include <tuple>
 #include <unistd.h>
 
@@ -16,6 +18,7 @@ namespace {
 constexpr std::int64_t kPeriodUs = 500'000;
 constexpr std::int64_t kRateWindowUs = 3'000'000;
 constexpr std::int64_t kLiveUs = 1'500'000;
+constexpr std::int64_t kMissedUs = 30'000'000;
 constexpr std::size_t kMostPeers = 64;
 constexpr std::size_t kMostCounters = 100;
 constexpr std::size_t kLongestText = 300;
@@ -142,6 +145,30 @@ std::vector<const Peer*> Presence::all_live(const std::string& name) const {
     const bool ended = peer.status.state == status_t::FINISHED || peer.status.state == status_t::FAILED;
     if (peer.status.process == name && peer.status.session_id == endpoint_.session_id() && !ended &&
         now - peer.heard_us < kLiveUs) {
+      all.push_back(&peer);
+    }
+  }
+  return all;
+}
+
+bool Presence::missed(const Peer& peer) const {
+  if (peer.status.state == status_t::FINISHED || peer.status.state == status_t::FAILED) return false;
+  const std::int64_t silent_us = endpoint_.bus().now_us() - peer.heard_us;
+  if (silent_us < kLiveUs) return true;
+  const bool dead = peer.status.host == host_ && peer.status.pid > 0 &&
+                    ::kill(static_cast<pid_t>(peer.status.pid), 0) != 0 && errno == ESRCH;
+  return !dead && silent_us < kMissedUs;
+}
+
+bool Presence::missed(std::int64_t sender_id) const {
+  const auto peer = peers_.find(sender_id);
+  return peer == peers_.end() || missed(peer->second);
+}
+
+std::vector<const Peer*> Presence::all_missed(const std::string& name) const {
+  std::vector<const Peer*> all;
+  for (const auto& [id, peer] : peers_) {
+    if (peer.status.process == name && peer.status.session_id == endpoint_.session_id() && missed(peer)) {
       all.push_back(&peer);
     }
   }

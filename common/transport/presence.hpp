@@ -53,6 +53,12 @@ class Presence {
   std::vector<const Peer*> all_live(const std::string& name) const;
   /// One of them; null if there is none.
   const Peer* live(const std::string& name) const;
+  /// Processes `name` of this session that may be heard again: they have not said that they ended, spoke in
+  /// the last 30 s (a link may be down that long), and are not known to be dead, as those of this machine
+  /// are.
+  std::vector<const Peer*> all_missed(const std::string& name) const;
+  /// Whether the sender of an offer may be heard again, as above; also one whose STATUS has not come yet.
+  bool missed(std::int64_t sender_id) const;
   /// This process's own status as it stands.
   status_t status() const;
   std::int64_t now_us() const { return endpoint_.bus().now_us(); }
@@ -61,6 +67,7 @@ class Presence {
 
  private:
   void on_status(const std::uint8_t* data, std::size_t size);
+  bool missed(const Peer& peer) const;
 
   Endpoint& endpoint_;
   std::string process_, host_;

@@ -1,5 +1,7 @@
 #include "common/transport/presence.hpp"
 
+#include <limits>
+
 #include <gtest/gtest.h>
 
 #include "common/transport/channels.hpp"
@@ -51,6 +53,38 @@ TEST(Presence, AFloodDrivesOutNoProcessOfTheSession) {
   ended.state = status_t::FINISHED;
   say(ended);
   EXPECT_EQ(listener.presence.live("hp2_frontend"), nullptr);
+}
+
+TEST(Presence, WhoIsSilentIsMissedUnlessItEndedOrIsDead) {
+  FakeNetwork network;
+  Listener listener(network);
+  FakeBus others(network);
+  Endpoint sender(others);
+  const auto far_away = made_up_status(1, "hp2_frontend");
+  auto alive = made_up_status(2, "hp2_frontend"), dead = made_up_status(3, "hp2_frontend"),
+       ended = made_up_status(4, "hp2_frontend");
+  alive.host = dead.host = listener.presence.status().host;
+  alive.pid = listener.presence.status().pid;
+  dead.pid = std::numeric_limits<std::int32_t>::max();  // more than any system gives
+  ended.state = status_t::FINISHED;
+  for (const auto& m : {far_away, alive, dead, ended}) sender.publish(kStatusChannel, m);
+  sender.publish(kStatusChannel, made_up_status(5, "hp2_frontend", kSession + 1));
+  network.step(kStepUs);
+  const auto missed = [&] {
+    std::vector<std::int64_t> ids;
+    for (const Peer* p : listener.presence.all_missed("hp2_frontend")) ids.push_back(p->status.sender_id);
+    return ids;
+  };
+  EXPECT_EQ(missed(), (std::vector<std::int64_t>{1, 2, 3}));
+  network.step(20'000'000);
+  EXPECT_TRUE(listener.presence.all_live("hp2_frontend").empty());
+  EXPECT_EQ(missed(), (std::vector<std::int64_t>{1, 2}));
+  EXPECT_TRUE(listener.presence.missed(1));
+  EXPECT_FALSE(listener.presence.missed(3));
+  EXPECT_FALSE(listener.presence.missed(4));
+  EXPECT_TRUE(listener.presence.missed(99)) << "its STATUS may still come";
+  network.step(20'000'000);
+  EXPECT_TRUE(missed().empty());
 }
 
 TEST(Presence, WhatOthersSayOfThemselvesHarmsNeitherTerminalNorSummary) {
