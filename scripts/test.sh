@@ -60,6 +60,7 @@ tsan() {
   if setarch "$(uname -m)" -R true 2>/dev/null; then prefix=(setarch "$(uname -m)" -R); fi
   timed "thread sanitizer build" ${prefix[@]+"${prefix[@]}"} scripts/setup.sh --build build-tsan \
     --targets "$unit_programs $processes" -DHP2_SANITIZE=thread "${sanitizer_options[@]}"
+  export HP2_REAL_DRIVES=kitti_0926_0002  # the shortest
   export TSAN_OPTIONS="suppressions=$PWD/tests/tsan.supp:halt_on_error=0:exitcode=66:second_deadlock_stack=1"
   timed "unit tests with the thread sanitizer" run build-tsan -L unit -j "$(nproc)"
   timed "integration tests with the thread sanitizer" run build-tsan -L integration

@@ -7,7 +7,7 @@ def test():
         backend = run.backend()
         run.start("bad_frontend", run.url, program="hp2_bad_frontend")
         started = time.monotonic()
-        status = backend.wait(30)
+        status = backend.wait(30 * SLOWER)
         print(f"given up after {time.monotonic() - started:.1f} s: {run.log('backend').strip().splitlines()[-1]}")
         expect(status == 1, f"the back-end ended with status {status}")
         for words in ("submap 0 cannot be stored", "no valid submap_t", "asked 5 times", "same release"):

@@ -6,7 +6,7 @@ def run_slam(*arguments, seconds=60):
     started = time.monotonic()
     try:
         result = subprocess.run([SCRIPTS / "run_slam.sh", *map(str, arguments), "--build", BIN.parent], text=True,
-                                capture_output=True, timeout=seconds)
+                                capture_output=True, timeout=seconds * SLOWER)
     except subprocess.TimeoutExpired as e:
         raise Failure(f"run_slam.sh {arguments} hangs: {e.stderr}") from None
     text = result.stdout + result.stderr

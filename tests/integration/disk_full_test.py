@@ -8,7 +8,7 @@ DATA = "synthetic:block"
 def refused(run, *words):
     run.processes.pop("backend", None)
     backend = run.start("refused", "--session", run.session, "--lcm-url", run.url, program="hp2_backend")
-    expect(backend.wait(20) == 1, f"the back-end ended with status {backend.returncode}")
+    expect(backend.wait(20 * SLOWER) == 1, f"the back-end ended with status {backend.returncode}")
     said = run.log("refused").split("hp2_backend: error: ")[-1].strip()
     print("    " + said)
     for word in words:
@@ -46,7 +46,7 @@ def test():
             run.viewer()
             run.frontend()
             run.player(DATA)
-            status = backend.wait(120)
+            status = backend.wait(120 * SLOWER)
             expect(status == 1, f"the back-end ended with status {status} although the disk is full")
             expect("full" in run.log("backend") or "space" in run.log("backend"), "the message does not say why")
             print("    " + run.log("backend").strip().splitlines()[-1])

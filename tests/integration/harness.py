@@ -229,5 +229,5 @@ def main(test):
     print(f"passed in {time.monotonic() - started:.1f} s")
 
 
-__all__ = ["math", "struct", "BIN", "SCRIPTS", "SKIPPED", "URL", "Failure", "Odometry", "Patience", "Run", "ate", "check_complete", "enter_namespace", "expect", "main",
+__all__ = ["math", "struct", "BIN", "SCRIPTS", "SKIPPED", "SLOWER", "URL", "Failure", "Odometry", "Patience", "Run", "ate", "check_complete", "enter_namespace", "expect", "main",
            "os", "pathlib", "random", "same_poses", "shutil", "signal", "sqlite3", "subprocess", "sys", "time"]

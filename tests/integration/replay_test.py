@@ -37,7 +37,7 @@ def record_and_replay(speed):
                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(2.0)
         subprocess.run([BIN / "hp2_control", "stop", "--target", "hp2_frontend", "--lcm-url", replayed.url], check=True)
-        replayed.wait(60)
+        replayed.wait(60 * SLOWER)
         if len(replayed.poses()) < SCANS:
             print(f"{len(replayed.poses())} of {SCANS} scans came through at speed {speed}")
             return False

@@ -77,7 +77,7 @@ def test():
         run.wait_for_log("player", "paused", 20)
 
         twin = run.start("twin", "--lcm-url", run.url, program="hp2_frontend")
-        expect(twin.wait(20) == 1, f"the second front-end ended with status {twin.returncode}")
+        expect(twin.wait(20 * SLOWER) == 1, f"the second front-end ended with status {twin.returncode}")
         expect("another front-end runs this session already" in run.log("twin"), "the second front-end does not say why")
         expect(run.processes["frontend"].poll() is None, "the first front-end has gone")
 
@@ -92,7 +92,7 @@ def test():
         expect(odometry.sequence == 2, "a command of another session was obeyed")
         control(run, "resume")
         run.wait(60, "player", "frontend", "backend", "viewer_headless")
-        expect(second.wait(30) == 0, "the second viewer failed")
+        expect(second.wait(30 * SLOWER) == 0, "the second viewer failed")
         check_complete(run, SCANS)
         expect(same_poses(plain, run), "the poses differ")
         expect((run.folder / "out2" / "poses_tum.txt").read_bytes() == (run.out / "poses_tum.txt").read_bytes(),
