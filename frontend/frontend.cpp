@@ -132,7 +132,10 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     const bool second = !first_cloud_.points.empty();
     IcpResult icp =
         second ? moving_start(scan, sigma) : icp_.align(map_, source_, predicted, sigma, parallel_, &prior);
-    if (!second && prediction_error > config_.max_sigma_m) search_around(icp, sigma, prior);
+    if (!second) {
+      look_farther(o.utime, icp, sigma, prior);
+      if (prediction_error > config_.max_sigma_m) search_around(icp, sigma, prior);
+    }
     // The registration tells how the sensor really moved in the sweep: where that differs from the
     // prediction, the points are moved accordingly and registered once more.
     for (int pass = 0; !second && pass < config_.redeskew_passes && !cloud_.time.empty(); ++pass) {

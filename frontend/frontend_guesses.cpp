@@ -9,6 +9,9 @@ namespace {
 
 // Fewer source points than this share near the map after a gap: the sensor is somewhere else.
 constexpr double kLostInliers = 0.7;
+constexpr double kBadly = 0.93;   // of the usual fit
+constexpr double kBetter = 1.02;  // than another fit
+constexpr double kFarther = 1.5;  // than the usual interval
 
 }  // namespace
 
@@ -26,14 +29,24 @@ bool Frontend::Impl::astray(std::int64_t utime, double sigma, IcpResult& icp) {
   return true;
 }
 
+// After dropped scans the prediction is off by more than sigma, which earlier predictions have told, and the
+// farther the longer ago the last scan was. Where the scan fits badly it is registered with a scale to match,
+// and with sigma again from there.
+void Frontend::Impl::look_farther(std::int64_t utime, IcpResult& icp, double sigma, const PosePrior& prior) {
+  const double wider = std::min(config_.max_sigma_m, motion_.interval_ratio(utime) * sigma);
+  if (icp_.config().mode != IcpMode::kRobust || wider < kFarther * sigma || icp.fit >= kBadly * usual_fit_)
+    return;
+  const IcpResult far = icp_.align(map_, source_, prior.map_from_source, wider, parallel_, &prior);
+  const IcpResult other = icp_.align(map_, source_, far.map_from_source, sigma, parallel_, &prior);
+  if (other.fit > kBetter * icp.fit) icp = other;
+}
+
 // Predictions have been farther off than ICP reaches, and the scan fits worse than most: ICP is begun at
 // other guesses too, with a part of the points and for a few iterations each, the farther ones only while
 // none fits. Where one of them fits better the scan is registered from there.
 void Frontend::Impl::search_around(IcpResult& icp, double sigma, const PosePrior& prior) {
   constexpr double kTurn = 0.1;  // [rad], from guess to guess about each axis; ICP reaches the angles between
   constexpr int kRings = 3;
-  constexpr double kBadly = 0.93;  // of the usual fit
-  constexpr double kBetter = 1.02;
   constexpr int kIterations = 20;
   constexpr std::size_t kPoints = 1500;
   if (icp_.config().mode != IcpMode::kRobust || icp.fit >= usual_fit_) return;

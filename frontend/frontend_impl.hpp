@@ -46,6 +46,7 @@ class Frontend::Impl {
   double submap_length_m() const;
   // frontend_guesses.cpp
   bool astray(std::int64_t utime, double sigma, IcpResult& icp);
+  void look_farther(std::int64_t utime, IcpResult& icp, double sigma, const PosePrior& prior);
   void search_around(IcpResult& icp, double sigma, const PosePrior& prior);
   void begin_anew();
   IcpResult moving_start(const Scan& scan, double sigma);

@@ -31,6 +31,9 @@ double observed_mean_square(const Eigen::Vector3d& deviation, const Eigen::Matri
 // However good the predictions were, the next one may be off by this much: the sensor is free to accelerate.
 constexpr double kMinTranslation = 0.1, kMinRotation = 0.01;  // [m], [rad]
 
+// Share of the last change of velocity that is expected to go on.
+constexpr double kMostAcceleration = 0.5;
+
 }  // namespace
 
 std::int64_t MotionModel::interval_us(std::int64_t utime) const {
@@ -56,8 +59,14 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us) const {
 
 Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, std::int64_t utime) const {
   if (!has_pose_) return Vector6d::Zero();
-  return (static_cast<double>(duration_us) / static_cast<double>(interval_us(utime))) *
-         se3_log(last_.inverse() * pose);
+  const auto duration = static_cast<double>(duration_us), dt = static_cast<double>(interval_us(utime));
+  const Vector6d velocity = se3_log(last_.inverse() * pose) / dt;
+  if (!has_motion_ || !(dt > duration)) return duration * velocity;
+  // After a dropped scan the sweep is the last part of the way only: the sensor had then changed its velocity
+  // on from the mean one, as it did before.
+  const auto before = static_cast<double>(interval_);
+  const double share = std::min(kMostAcceleration, (dt - duration) / (dt + before));
+  return duration * (velocity + share * (velocity - motion_ / before));
 }
 
 void MotionModel::add(const Pose& pose, std::int64_t utime) {

@@ -27,6 +27,10 @@ class MotionModel {
   }
   /// Time from the last pose to `utime` [us]; where the stamps make no sense, as long as the interval before.
   std::int64_t interval_us(std::int64_t utime) const;
+  /// That time over the interval before.
+  double interval_ratio(std::int64_t utime) const {
+    return static_cast<double>(interval_us(utime)) / static_cast<double>(interval_);
+  }
   /// True if `utime` does not lie after the last pose's.
   bool time_is_broken(std::int64_t utime) const { return has_pose_ && utime <= last_utime_; }
   /// True if so much time has passed since the last pose that its motion says little of where the sensor is

@@ -1,0 +1,51 @@
+// Velocities from poses and time stamps: the motion in a sweep, dropped scans included.
+#include "frontend/motion_model.hpp"
+
+#include <gtest/gtest.h>
+
+namespace hp2 {
+namespace {
+
+constexpr std::int64_t kSweep = 100'000;  // [us]
+
+// Along x, at 10 m/s at first, with 4 m/s^2.
+Pose accelerating(std::int64_t utime) {
+  const double t = 1e-6 * static_cast<double>(utime);
+  Pose p;
+  p.translation.x() = 10.0 * t + 2.0 * t * t;
+  return p;
+}
+
+double in_sweep(std::int64_t end) {
+  return accelerating(end).translation.x() - accelerating(end - kSweep).translation.x();
+}
+
+TEST(MotionModel, MotionInASweepIsThatFromPoseToPose) {
+  MotionModel model;
+  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+  const std::int64_t now = 5 * kSweep;
+  EXPECT_NEAR(model.sweep_twist(kSweep, accelerating(now), now)[0], in_sweep(now), 1e-9);
+}
+
+TEST(MotionModel, MotionInTheSweepAfterDroppedScansKnowsTheAcceleration) {
+  for (const int dropped : {1, 2, 3}) {
+    MotionModel model;
+    for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+    const std::int64_t now = (5 + dropped) * kSweep;
+    const Pose pose = accelerating(now);
+    const double mean = (pose.translation - model.last_pose().translation).x() / (1 + dropped);
+    EXPECT_NEAR(model.sweep_twist(kSweep, pose, now)[0], in_sweep(now), 0.2 * std::abs(mean - in_sweep(now)))
+        << dropped << " dropped";
+  }
+}
+
+TEST(MotionModel, ASensorWithAStillClockIsPredictedAsIfScansCameEvenly) {
+  MotionModel model;
+  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+  const double step = model.predict(5 * kSweep).translation.x() - model.last_pose().translation.x();
+  EXPECT_GT(step, 0.9);
+  EXPECT_NEAR(model.predict(4 * kSweep).translation.x() - model.last_pose().translation.x(), step, 1e-9);
+}
+
+}  // namespace
+}  // namespace hp2
