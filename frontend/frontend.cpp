@@ -1,7 +1,6 @@
 #include "frontend/frontend.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <string>
 #include <utility>
@@ -11,6 +10,7 @@
 #include "frontend/deskew.hpp"
 #include "frontend/frontend_impl.hpp"
 #include "frontend/odometry_covariance.hpp"
+#include "frontend/stopwatch.hpp"
 
 namespace hp2 {
 namespace {
@@ -21,19 +21,6 @@ constexpr std::uint32_t kStateVersion = 3;
 constexpr double kWellObserved = 0.03;
 // Below this one the state says so.
 constexpr double kDegenerate = 0.03;
-
-class Clock {
- public:
-  float lap_ms() {
-    const auto now = std::chrono::steady_clock::now();
-    const float ms = std::chrono::duration<float, std::milli>(now - last_).count();
-    last_ = now;
-    return ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-};
 
 }  // namespace
 
@@ -98,7 +85,7 @@ double Frontend::Impl::submap_length_m() const {
 }
 
 FrontendOutput Frontend::Impl::process(const Scan& scan) {
-  Clock total, clock;
+  Stopwatch total, clock;
   FrontendOutput out;
   OdometryResult& o = out.odometry;
   o.sequence = scan.sequence;

@@ -1,43 +1,18 @@
 #include "frontend/hybrid_icp.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include <Eigen/Eigenvalues>
 
+#include "frontend/stopwatch.hpp"
+
 namespace hp2 {
 namespace {
 
-// Source points a block; fixed, so that sums do not depend on the threads.
-constexpr std::size_t kBlock = PlaneBatch::kMost;
-
-class Stopwatch {
- public:
-  // Milliseconds since the last call (or construction).
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const double ms = std::chrono::duration<double, std::milli>(now - last_).count();
-    last_ = now;
-    return ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-};
-
-// IRLS weight of the Geman-McClure loss rho(e) = e^2 / (e^2 + c^2), up to the constant factor 2.
-float robust_weight(float squared_error, float c2) {
-  const float d = squared_error + c2;
-  return c2 / (d * d);
-}
-
-constexpr std::size_t kAhead = 6;        // queries that the memory is asked for before their turn
 constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's direction
 // An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
-constexpr float kFit2 = 0.5F * 0.5F;  // [m^2], scale of IcpResult::fit
-constexpr float kEmptyMove = 0.2F;    // of a voxel
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
 
@@ -73,151 +48,6 @@ Step solve(const Matrix6d& information, const Vector6d& gradient, double lever, 
 }
 
 }  // namespace
-
-void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose& local_from_source,
-                       Part& part) {
-  const Eigen::Matrix3f r = local_from_source.rotation.toRotationMatrix().cast<float>();
-  const Eigen::Vector3f t = local_from_source.translation.cast<float>();
-  const auto edge = static_cast<float>(map.voxel_size_m());
-  const float inverse_edge = 1.0F / edge;
-  part.fresh.clear();
-  part.probes.clear();
-  LocalMap::Cursor cursor;
-  for (std::size_t i = source.begin; i < source.end; i += source.stride) {
-    Correspondence& c = correspondences_[i];
-    const Eigen::Vector3f p = r * source.points[i] + t;
-    if (c.other_distance >= 0.0F) {
-      // The last answer stands while no other point can have become nearer than the one it named; that
-      // there was none stands until the point has moved by a part of a voxel.
-      const float moved = (p - c.searched_at).norm();
-      if (c.voxel < 0 && moved < kEmptyMove * edge) continue;
-      const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
-      if (distance <= c.other_distance - moved) continue;
-    }
-    c.searched_at = p;
-    part.fresh.push_back(static_cast<std::uint32_t>(i));
-    part.probes.push_back(map.probe(locate_near(p, origin_, edge, inverse_edge), cursor));
-  }
-  const std::size_t n = part.probes.size();
-  for (std::size_t k = 0; k < std::min(kAhead, n); ++k) map.look_around(part.probes[k]);
-  std::size_t found = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    if (k + kAhead < n) map.look_around(part.probes[k + kAhead]);
-    const LocalMap::Probe& probe = part.probes[k];
-    Correspondence& c = correspondences_[part.fresh[k]];
-    const NearestPoint nearest = map.nearest(probe, margin_m_);
-    c.other_distance = nearest.other_distance_m;
-    c.voxel = nearest.voxel;
-    if (nearest.voxel < 0) continue;
-    c.target = c.searched_at - probe.at.offset + nearest.offset;
-    part.fresh[found++] = part.fresh[k];
-  }
-  part.fresh.resize(found);
-}
-
-// The map's answer, or one of our own where that is stale. Neighbours in a sweep ask for the same voxel in
-// turn.
-const Planarity& HybridIcp::shape_of(const LocalMap& map, std::int32_t voxel, Part& part) {
-  if (!map.planarity_stale(voxel)) return map.planarity(voxel);
-  std::uint32_t& recent = part.recent[static_cast<std::uint32_t>(voxel) % part.recent.size()];
-  if (recent >= part.planarities.size() || part.planarities[recent].first != voxel) {
-    recent = static_cast<std::uint32_t>(part.planarities.size());
-    part.planarities.emplace_back(voxel, analyse(map.neighbourhood_moments(voxel)));
-  }
-  return part.planarities[recent].second;
-}
-
-void HybridIcp::classify(const LocalMap& map, Part& part) {
-  part.planarities.clear();
-  const auto n_min = static_cast<float>(config_.n_min);
-  for (const std::uint32_t i : part.fresh) {
-    Correspondence& c = correspondences_[i];
-    c.normal.setZero();
-    if (config_.mode == IcpMode::kPointToPoint) continue;
-    const Planarity& shape = shape_of(map, c.voxel, part);
-    if (shape.n < n_min) continue;
-    double tau = 1.0;
-    if (config_.mode == IcpMode::kFixedThreshold) {
-      tau = config_.tau_ref;
-    } else if (config_.mode != IcpMode::kPointToPlane) {
-      tau = adaptive_threshold(static_cast<double>(shape.n), config_.tau_ref, config_.n_ref, config_.tau_min,
-                               config_.tau_max);
-    }
-    if (static_cast<double>(shape.score) < tau) c.normal = shape.normal;
-  }
-}
-
-void HybridIcp::accumulate(const Selection& source, const Pose& local_from_source, double sigma_m,
-                           Part& part) const {
-  const Eigen::Matrix3f r = local_from_source.rotation.toRotationMatrix().cast<float>();
-  const Eigen::Vector3f t = local_from_source.translation.cast<float>();
-  const auto c2 = static_cast<float>(sigma_m * sigma_m);
-  const float max2 = 9.0F * c2;
-  const bool plane_only = config_.mode == IcpMode::kPointToPlane;
-  NormalEquations& sums = part.sums;
-  sums = NormalEquations();
-  PlaneBatch planes;
-  PointBatch points, plane_points;
-  float fit = 0.0F;
-  for (std::size_t i = source.begin; i < source.end; i += source.stride) {
-    const Correspondence& c = correspondences_[i];
-    if (c.voxel < 0) continue;
-    const Eigen::Vector3f p = r * source.points[i] + t;
-    const Eigen::Vector3f d = p - c.target;
-    const float squared = d.squaredNorm();
-    if (squared > max2) continue;
-    fit += kFit2 / (kFit2 + squared);
-    const Eigen::Vector3f& n = c.normal;
-    if (n != Eigen::Vector3f::Zero()) {
-      const float e = n.dot(d);
-      planes.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), e, robust_weight(e * e, c2)});
-      if (in_plane_needed_) {
-        plane_points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, c2)});
-      }
-    } else if (!plane_only) {
-      points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, c2)});
-    }
-  }
-  sums.fit = static_cast<double>(fit);
-  planes.flush(sums.planar);
-  points.flush(sums.non_planar);
-  if (in_plane_needed_) plane_points.flush(sums.planar_points);
-}
-
-// Correspondences and their sums in one pass over the points, block by block while they are in the cache.
-NormalEquations HybridIcp::linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source,
-                                     std::size_t stride, const Pose& local_from_source, double sigma_m,
-                                     const Parallel& parallel, IcpResult& result) {
-  Stopwatch whole;
-  const std::size_t span = kBlock * stride;
-  const std::size_t parts = Parallel::block_count(source.size(), span);
-  if (parts_.size() < parts) parts_.resize(parts);
-  parallel.for_blocks(source.size(), span, [&](std::size_t block, std::size_t begin, std::size_t end) {
-    Part& part = parts_[block];
-    const Selection selection{source, stride, begin, end};
-    Stopwatch watch;
-    search(map, selection, local_from_source, part);
-    part.ms[0] = watch.lap();
-    classify(map, part);
-    part.ms[1] = watch.lap();
-    accumulate(selection, local_from_source, sigma_m, part);
-    part.ms[2] = watch.lap();
-  });
-  NormalEquations total;
-  double ms[3] = {};
-  for (std::size_t b = 0; b < parts; ++b) {
-    const Part& part = parts_[b];
-    total.add(part.sums);
-    for (const auto& [voxel, planarity] : part.planarities) map.set_planarity(voxel, planarity);
-    for (int k = 0; k < 3; ++k) ms[k] += part.ms[k];
-  }
-  // The threads' times, scaled to what the whole has taken.
-  const double scale = whole.lap() / std::max(1e-9, ms[0] + ms[1] + ms[2]);
-  result.ms_search += scale * ms[0];
-  result.ms_planarity += scale * ms[1];
-  result.ms_solve += scale * ms[2];
-  return total;
-}
 
 Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) const {
   const int planar = sums.planar.count, others = sums.non_planar.count;
@@ -325,7 +155,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     if (config_.mode != IcpMode::kRobust) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
     local = se3_exp(step.x) * local;
-    result.ms_solve += watch.lap();
+    result.ms_solve += watch.lap_ms();
     const double length = step.x.norm();
     if (stride == 1 && length < config_.convergence_m) {
       result.converged = true;

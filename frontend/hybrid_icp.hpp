@@ -110,7 +110,7 @@ class HybridIcp {
     std::vector<LocalMap::Probe> probes;  // its queries
     std::vector<std::pair<std::int32_t, Planarity>> planarities;  // computed for voxels where it was stale
     std::array<std::uint32_t, 128> recent{};                      // of these, by voxel: the last one
-    double ms[3] = {};                                            // search, planarity, sums
+    float ms[3] = {};                                             // search, planarity, sums
   };
   // One iteration's source points: every `stride`-th of them.
   struct Selection {
