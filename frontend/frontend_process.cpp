@@ -226,7 +226,7 @@ bool FrontendProcess::over() {
   if (!options_.standalone && !(resume && resume->ended != 0)) return false;
   if (over_since_us_ == 0) over_since_us_ = bus_.now_us();
   scans_.acknowledge(next_sequence_, fetch_t::ALL);
-  resume_.acknowledge(resume->next_id, fetch_t::ALL);
+  if (resume) resume_.acknowledge(resume->next_id, fetch_t::ALL);
   // The player may have missed that it can go: stay while it offers scans, or a link to it may be down.
   const std::int64_t now = bus_.now_us();
   if (scans_.offer() == nullptr) silent_player_us_ = now;
