@@ -14,18 +14,6 @@ struct PlaneSums {
   double squares = 0.0;  ///< sum w e^2
   int count = 0;
 
-  void add(const Eigen::Vector3d& p, const Eigen::Vector3d& n, double e, double w) {
-    const Eigen::Vector3d c = p.cross(n);
-    const double j[6] = {n.x(), n.y(), n.z(), c.x(), c.y(), c.z()};
-    int k = 0;
-    for (int a = 0; a < 6; ++a) {
-      const double wa = w * j[a];
-      for (int b = a; b < 6; ++b) h[k++] += wa * j[b];
-      g[a] += wa * e;
-    }
-    squares += w * e * e;
-    ++count;
-  }
   void add(const PlaneSums& o) {
     for (int i = 0; i < 21; ++i) h[i] += o.h[i];
     for (int i = 0; i < 6; ++i) g[i] += o.g[i];
@@ -52,21 +40,6 @@ struct PointSums {
   double squares = 0.0;
   int count = 0;
 
-  void add(const Eigen::Vector3d& point, const Eigen::Vector3d& residual, double weight) {
-    w += weight;
-    const Eigen::Vector3d wp = weight * point;
-    p += wp;
-    pp[0] += wp.x() * point.x();
-    pp[1] += wp.x() * point.y();
-    pp[2] += wp.x() * point.z();
-    pp[3] += wp.y() * point.y();
-    pp[4] += wp.y() * point.z();
-    pp[5] += wp.z() * point.z();
-    r += weight * residual;
-    pxr += wp.cross(residual);
-    squares += weight * residual.squaredNorm();
-    ++count;
-  }
   void add(const PointSums& o) {
     w += o.w;
     p += o.p;
@@ -98,7 +71,7 @@ struct NormalEquations {
   PlaneSums planar;         ///< P, along the normal.
   PointSums planar_points;  ///< P, the whole residual (for the in-plane part).
   PointSums non_planar;     ///< Q.
-  double fit = 0.0;         ///< Soft count of the correspondences that agree to within 0.2 m.
+  double fit = 0.0;         ///< Soft count of correspondences that agree (IcpResult::fit).
 
   void add(const NormalEquations& o) {
     planar.add(o.planar);

@@ -43,6 +43,13 @@ def test():
             first.viewer()
             first.wait(20, "viewer_headless", "backend")
 
+        # Odometry on the bus without a back-end.
+        with Run() as alone:
+            alone.frontend("--standalone")
+            alone.player(DATA)
+            alone.wait(60)
+            expect("40 of 40 scans" in alone.log("player"), "a standalone front-end did not register all scans")
+
         # Offline, from the stored session.
         again = first.folder / "again"
         subprocess.run([BIN / "hp2_viewer_headless", "--session", first.session, "--out", again], check=True,
