@@ -93,7 +93,7 @@ void Frontend::Impl::begin_anew() {
 // again, and so on. Point-to-point reaches farther than planes do, so mode robust tries it as well and takes
 // what fits clearly better.
 IcpResult Frontend::Impl::moving_start(const Scan& scan, double sigma) {
-  constexpr double kBetter = 1.01;
+  constexpr double kBetterStart = 1.01;
   const Pose first = motion_.last_pose();
   IcpResult icp = icp_.align(map_, source_, first, sigma, parallel_);
   icp = settle_start(scan, icp, sigma, icp_);
@@ -104,7 +104,7 @@ IcpResult Frontend::Impl::moving_start(const Scan& scan, double sigma) {
     IcpResult other = point_icp.align(map_, source_, first, sigma, parallel_);
     other = settle_start(scan, other, sigma, point_icp);
     other = icp_.align(map_, source_, other.map_from_source, sigma, parallel_);
-    icp = other.fit > kBetter * icp.fit ? other : settle_start(scan, icp, sigma, icp_);
+    icp = other.fit > kBetterStart * icp.fit ? other : settle_start(scan, icp, sigma, icp_);
   }
   first_cloud_ = PreprocessedScan();
   return icp;

@@ -97,8 +97,8 @@ class LocalMap {
     VoxelPoint at;
     std::int32_t block = -1;  ///< That it falls in; -1: there is none.
     std::int32_t count = 0;   ///< Of `voxels`.
-    std::array<std::int32_t, 8>
-        voxels;  ///< Those that have points, of the eight around the corner nearest to it.
+    /// Those that have points, of the eight around the corner nearest to the query.
+    std::array<std::int32_t, 8> voxels;
     std::array<std::uint8_t, 8> corners;  ///< Which of the eight they are.
   };
   /// Begins a query and asks the memory for its block; look_around() finds the voxels most likely to hold the
@@ -108,9 +108,9 @@ class LocalMap {
   void look_around(Probe& probe) const;
 
   /// Nearest point to a query among the 27 voxels around it.
-  /// @param margin_m NearestPoint::other_distance_m may stop short at the nearest distance plus this, where
-  /// the
-  ///                 eight voxels around the query do not tell more: voxels beyond are not looked at
+  /// @param margin_m [m]; NearestPoint::other_distance_m may stop short at the nearest distance plus this,
+  ///                 where the eight voxels around the query do not tell more: what lies beyond is not looked
+  ///                 at
   NearestPoint nearest(const Probe& query, float margin_m) const;
   NearestPoint nearest(const VoxelPoint& query) const {
     Cursor cursor;

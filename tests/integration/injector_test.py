@@ -52,8 +52,9 @@ def test():
         subprocess.run([BIN / "hp2_control", "stop", "--target", "hp2_frontend", "--lcm-url", run.url], check=True)
         run.wait(60, "frontend", "backend", "viewer_headless")
         counters = run.summary()["processes"]["hp2_frontend"]["counters"]
-        registered, skipped = counters["scans_registered"], counters["scans_skipped"]  # a busy machine may skip some of the player's
+        registered, skipped = counters["scans_registered"], counters["scans_skipped"]  # a slow build may skip some of the player's
         expect(registered + skipped == at + 1 + 30, f"{registered} registered + {skipped} skipped of {at + 1} + 30 scans")
+        expect(skipped == 0 or SLOWER > 1, f"{skipped} scans were skipped")
         check_complete(run, registered)
         print(f"{at + 1} scans of the player, then 30 of the injector")
 
