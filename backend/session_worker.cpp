@@ -58,7 +58,7 @@ void SessionWorker::rethrow_error() {
 }
 
 bool SessionWorker::store(const Delivery& delivery) {
-  const auto package = decode_submap(delivery.bytes->data.get(), delivery.bytes->size, session_id_);
+  const auto package = decode_submap(delivery.bytes->data(), delivery.bytes->size(), session_id_);
   if (!package || package->submap.id != store_.submap_count()) {
     SessionSnapshot nothing;
     nothing.rejected = package ? "it calls itself submap " + std::to_string(package->submap.id)

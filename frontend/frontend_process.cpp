@@ -44,7 +44,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
     endpoint_.counters()[name] = 0;
   scans_.set_limit(kNothing);
   scans_.set_silent(true);
-  scans_.on_unasked([this](const Delivery& d) { live_.take(d.bytes->data.get(), d.bytes->size); });
+  scans_.on_unasked([this](const Delivery& d) { live_.take(d.bytes->data(), d.bytes->size()); });
   if (options_.standalone) {
     endpoint_.set_session(random_id());
   } else {
@@ -79,7 +79,7 @@ void FrontendProcess::check_twin() const {
 
 void FrontendProcess::on_resume(const Delivery& delivery) {
   resume_t m;
-  if (!safe_decode(delivery.bytes->data.get(), delivery.bytes->size, m) ||
+  if (!safe_decode(delivery.bytes->data(), delivery.bytes->size(), m) ||
       m.session_id != endpoint_.session_id() || m.next_submap_id < 0 || m.next_sequence < 0) {
     return endpoint_.reject(chunk_channel(kResumeTopic), "not a valid resume_t");
   }

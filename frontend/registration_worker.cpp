@@ -92,7 +92,7 @@ void RegistrationWorker::decode_loop() {
     const auto bytes = it->scan.bytes;
     const std::int64_t generation = generation_;
     lock.unlock();
-    auto scan = decode_scan(bytes->data.get(), bytes->size);
+    auto scan = decode_scan(bytes->data(), bytes->size());
     lock.lock();
     if (generation != generation_) continue;
     // Jobs are only taken from the front and only when decoded: the first undecoded one is still this one.

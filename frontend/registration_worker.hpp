@@ -22,7 +22,7 @@ namespace hp2 {
 /// A scan on its way to registration: encoded, or decoded already.
 struct ScanJob {
   std::int64_t sequence = 0;
-  std::shared_ptr<MessageBytes> bytes;
+  std::shared_ptr<ByteVector> bytes;
   std::optional<Scan> scan;
   bool final = false;  ///< The session ends with this scan.
 };

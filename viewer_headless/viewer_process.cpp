@@ -54,14 +54,14 @@ ViewerProcess::ViewerProcess(LcmBus& bus, const ViewerConfig& config, const View
                }),
       graph_(endpoint_, {kGraphTopic, Inbox::Order::kLatest},
              [this](const Delivery& d) {
-               auto graph = decode_graph(d.bytes->data.get(), d.bytes->size, endpoint_.session_id());
+               auto graph = decode_graph(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
                if (!graph) return endpoint_.reject(chunk_channel(kGraphTopic), "not a valid graph_t");
                graph_revision_ = graph->revision;
                new_graph_ = std::move(graph);
              }),
       trajectory_(endpoint_, {kTrajectoryTopic, Inbox::Order::kLatest},
                   [this](const Delivery& d) {
-                    auto t = decode_trajectory(d.bytes->data.get(), d.bytes->size, endpoint_.session_id());
+                    auto t = decode_trajectory(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
                     if (!t)
                       return endpoint_.reject(chunk_channel(kTrajectoryTopic), "not a valid trajectory_t");
                     trajectory_revision_ = t->revision;
@@ -69,11 +69,11 @@ ViewerProcess::ViewerProcess(LcmBus& bus, const ViewerConfig& config, const View
                   }),
       submaps_(
           endpoint_, {kSessionSubmapTopic, Inbox::Order::kAll, kSubmapsAhead}, [this](const Delivery& d) {
-            const auto package = decode_submap(d.bytes->data.get(), d.bytes->size, endpoint_.session_id());
+            const auto package = decode_submap(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
             if (!package || package->submap.id != d.id) {
               return endpoint_.reject(chunk_channel(kSessionSubmapTopic), "not a valid submap_t");
             }
-            spool_.append(d.bytes->data.get(), d.bytes->size);
+            spool_.append(d.bytes->data(), d.bytes->size());
           }) {
   endpoint_.adopt_session_from({kGraphTopic, kTrajectoryTopic, kSessionSubmapTopic});
   bus_.subscribe(

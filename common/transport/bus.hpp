@@ -25,8 +25,11 @@ class Bus {
   virtual std::int64_t wall_us() const = 0;
   /// Datagrams of kPieceBytes that this process's receive buffer holds at once.
   virtual int receive_capacity() const = 0;
-  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer.
+  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer; also pieces of
+  /// scans, where passes_scans_over().
   virtual std::int64_t dropped() const = 0;
+  /// Whether pieces of scans are thrown away before this process sees them: it subscribes to none.
+  virtual bool passes_scans_over() const = 0;
 };
 
 /// Bytes of a message's piece: as much as LCM sends in one datagram (65499 bytes), with room for the headers.

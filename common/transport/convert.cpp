@@ -77,47 +77,7 @@ pose_t to_message(const Pose& pose) {
   return m;
 }
 
-std::vector<std::uint8_t> encode_scan(Scan scan) {
-  scan_t m;
-  m.utime = scan.utime;
-  m.duration = scan.duration_us;
-  m.sensor = std::move(scan.sensor);
-  m.sequence = scan.sequence;
-  m.session_id = 0;
-  m.n = static_cast<std::int32_t>(scan.size());
-  m.x = std::move(scan.x);
-  m.y = std::move(scan.y);
-  m.z = std::move(scan.z);
-  m.n_intensity = static_cast<std::int32_t>(scan.intensity.size());
-  m.intensity = std::move(scan.intensity);
-  m.n_time = static_cast<std::int32_t>(scan.time.size());
-  m.time = std::move(scan.time);
-  return encode_message(m);
-}
-
-std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size) {
-  scan_t m;
-  if (!safe_decode(data, size, m)) return std::nullopt;
-  constexpr std::int64_t kLongestSweepUs = 60'000'000;
-  if (static_cast<std::size_t>(m.n) > kMaxScanPoints || (m.n_intensity != 0 && m.n_intensity != m.n) ||
-      (m.n_time != 0 && m.n_time != m.n) || !sane_time(m.utime) || m.duration < 0 ||
-      m.duration > kLongestSweepUs || m.sequence < -1 || !sane_time(m.sequence)) {
-    return std::nullopt;
-  }
-  Scan scan;
-  scan.utime = m.utime;
-  scan.duration_us = m.duration;
-  scan.sensor = std::move(m.sensor);
-  scan.sequence = m.sequence;
-  scan.x = std::move(m.x);
-  scan.y = std::move(m.y);
-  scan.z = std::move(m.z);
-  scan.intensity = std::move(m.intensity);
-  scan.time = std::move(m.time);
-  return scan;
-}
-
-std::vector<std::uint8_t> encode_submap(const SubmapPackage& package, std::int64_t session_id) {
+ByteVector encode_submap(const SubmapPackage& package, std::int64_t session_id) {
   const Submap& submap = package.submap;
   submap_t m;
   m.session_id = session_id;

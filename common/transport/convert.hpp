@@ -6,20 +6,18 @@
 #include <optional>
 #include <vector>
 
-#include "common/scan.hpp"
 #include "common/session.hpp"
 #include "common/submap.hpp"
+#include "common/transport/bulk_codec.hpp"
+#include "common/transport/byte_vector.hpp"
 #include "common/transport/layout.hpp"
 
 namespace hp2 {
 
-/// Most points that a scan may have; more is taken for an error.
-inline constexpr std::size_t kMaxScanPoints = 4'000'000;
-
 /// The encoded bytes of any message type, with its fingerprint.
 template <class T>
-std::vector<std::uint8_t> encode_message(const T& message) {
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(message.getEncodedSize()));
+ByteVector encode_message(const T& message) {
+  ByteVector bytes(static_cast<std::size_t>(message.getEncodedSize()));
   message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
   return bytes;
 }
@@ -28,27 +26,21 @@ std::vector<std::uint8_t> encode_message(const T& message) {
 std::optional<Pose> to_pose(const pose_t& message);
 pose_t to_message(const Pose& pose);
 
-/// A scan as scan_t for session 0 ("whichever the receiver runs").
-std::vector<std::uint8_t> encode_scan(Scan scan);
-/// @return nothing for bytes that are no scan_t, whose arrays do not fit together, whose times are out of
-/// this world
-std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size);
-
 /// A submap with what travels beside it.
 struct SubmapPackage {
   Submap submap;
   std::vector<std::uint8_t> frontend_state;  ///< At the submap's end; empty: none.
   bool last = false;
 };
-std::vector<std::uint8_t> encode_submap(const SubmapPackage& package, std::int64_t session_id);
+ByteVector encode_submap(const SubmapPackage& package, std::int64_t session_id);
 /// Normals are rounded to 1/127 on the way.
 std::optional<SubmapPackage> decode_submap(const std::uint8_t* data, std::size_t size,
                                            std::int64_t session_id);
 
 /// The graph without its trajectory, which has a message of its own.
-std::vector<std::uint8_t> encode_graph(const GraphState& graph, std::int64_t session_id);
+ByteVector encode_graph(const GraphState& graph, std::int64_t session_id);
 std::optional<GraphState> decode_graph(const std::uint8_t* data, std::size_t size, std::int64_t session_id);
-std::vector<std::uint8_t> encode_trajectory(const GraphState& graph, std::int64_t session_id);
+ByteVector encode_trajectory(const GraphState& graph, std::int64_t session_id);
 /// A trajectory and the revision of the graph that it belongs to.
 struct TrajectoryAtRevision {
   std::int64_t revision = 0;

@@ -42,7 +42,7 @@ closure_t to_message(const ClosureRecord& closure, std::int64_t session_id, std:
   return m;
 }
 
-std::vector<std::uint8_t> encode_graph(const GraphState& graph, std::int64_t session_id) {
+ByteVector encode_graph(const GraphState& graph, std::int64_t session_id) {
   graph_t m;
   m.session_id = session_id;
   m.revision = graph.revision;
@@ -82,7 +82,7 @@ std::optional<GraphState> decode_graph(const std::uint8_t* data, std::size_t siz
   return graph;
 }
 
-std::vector<std::uint8_t> encode_trajectory(const GraphState& graph, std::int64_t session_id) {
+ByteVector encode_trajectory(const GraphState& graph, std::int64_t session_id) {
   trajectory_t m;
   m.session_id = session_id;
   m.revision = graph.revision;

@@ -3,9 +3,11 @@
 #include <cstddef>
 #include <cstdint>
 
+#include <libdeflate.h>
+
 namespace hp2 {
 
 /// CRC-32 as zlib's crc32() computes it.
-std::uint32_t crc32(const void* data, std::size_t size);
+inline std::uint32_t crc32(const void* data, std::size_t size) { return libdeflate_crc32(0, data, size); }
 
 }  // namespace hp2

@@ -20,11 +20,30 @@ constexpr std::uint32_t kShort = 0x4c433032, kLong = 0x4c433033;
 constexpr std::uint32_t kMostBytes = std::uint32_t{1} << 28;  // of a message, as LCM has it
 constexpr std::uint32_t kLongestName = 63;
 
+// Drops short messages on the channel `name`, and goes on after itself with any other.
+std::vector<sock_filter> skip_channel(const std::string& name) {
+  std::vector<sock_filter> p;
+  if (name.empty()) return p;
+  const auto size = static_cast<std::uint32_t>(name.size() + 1);  // with its zero
+  const std::uint32_t end = 2 * size + 3;
+  const auto out = [&p, end] { return static_cast<std::uint8_t>(end - p.size() - 1); };
+  p.push_back({BPF_LD | BPF_W | BPF_LEN, 0, 0, 0});
+  p.push_back({BPF_JMP | BPF_JGE | BPF_K, 0, out(), kShortChannel + size});
+  for (std::uint32_t i = 0; i < size; ++i) {
+    p.push_back({BPF_LD | BPF_B | BPF_ABS, 0, 0, kShortChannel + i});
+    p.push_back({BPF_JMP | BPF_JEQ | BPF_K, 0, out(), static_cast<std::uint8_t>(name.c_str()[i])});
+  }
+  p.push_back({BPF_RET | BPF_K, 0, 0, 0});
+  return p;
+}
+
 // A load past the end of the datagram ends the program with "drop".
-std::vector<sock_filter> program() {
+std::vector<sock_filter> program(const std::string& unwanted) {
   constexpr std::uint16_t kLoad = BPF_LD | BPF_W | BPF_ABS, kLoadHalf = BPF_LD | BPF_H | BPF_ABS;
   constexpr std::uint16_t kEqual = BPF_JMP | BPF_JEQ | BPF_K;
-  constexpr std::uint32_t kScan = 14, kDrop = kScan + 2 * (kLongestName + 1), kAccept = kDrop + 1;
+  const auto skip = skip_channel(unwanted);
+  const auto kScan = static_cast<std::uint32_t>(14 + skip.size());
+  const std::uint32_t kDrop = kScan + 2 * (kLongestName + 1), kAccept = kDrop + 1;
   std::vector<sock_filter> p;
   const auto to = [&p](std::uint32_t target) { return static_cast<std::uint8_t>(target - p.size() - 1); };
   p.push_back({kLoad, 0, 0, kMagic});
@@ -37,9 +56,10 @@ std::vector<sock_filter> program() {
   p.push_back({BPF_JMP | BPF_JGT | BPF_X, to(kDrop), 0, 0});
   p.push_back({kLoadHalf, 0, 0, kFragments});
   p.push_back({kLoadHalf, 0, 0, kFragment});
-  p.push_back({kEqual, to(13), to(kAccept), 0});  // the first fragment has the channel's name
+  p.push_back({kEqual, to(kScan - 1), to(kAccept), 0});  // the first fragment has the channel's name
+  p.insert(p.end(), skip.begin(), skip.end());
   p.push_back({BPF_LDX | BPF_W | BPF_IMM, 0, 0, kShortChannel});
-  p.push_back({BPF_JMP | BPF_JA, 0, 0, kScan - 13});
+  p.push_back({BPF_JMP | BPF_JA, 0, 0, 1});
   p.push_back({BPF_LDX | BPF_W | BPF_IMM, 0, 0, kLongChannel});
   for (std::uint32_t i = 0; i <= kLongestName; ++i) {
     p.push_back({BPF_LD | BPF_B | BPF_IND, 0, 0, i});
@@ -76,12 +96,12 @@ int socket_bound_to(int port) {
 
 }  // namespace
 
-bool DatagramFilter::attach(const std::string& url) {
+bool DatagramFilter::attach(const std::string& url, const std::string& unwanted_channel) {
   const int port = port_of(url);
   if (port <= 0) return false;
   fd_ = socket_bound_to(port);
   if (fd_ < 0) return false;
-  auto instructions = program();
+  auto instructions = program(unwanted_channel);
   const sock_fprog filter{static_cast<unsigned short>(instructions.size()), instructions.data()};
   return ::setsockopt(fd_, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;
 }

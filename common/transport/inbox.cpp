@@ -85,19 +85,19 @@ void Inbox::on_offer(const offer_t& heard) {
 }
 
 void Inbox::on_chunk(const std::uint8_t* data, std::size_t size) {
-  chunk_t chunk;
-  const std::string channel = chunk_channel(options_.topic);
-  if (!safe_decode(data, size, chunk)) return endpoint_.reject(channel, "not a valid chunk_t");
+  const auto view = view_chunk(data, size);
+  if (!view) return endpoint_.reject(chunk_channel(options_.topic), "not a valid chunk_t");
+  const chunk_t& chunk = view->fields;
   if (chunk.session_id != 0 && chunk.session_id != endpoint_.session_id()) return;
   if (chunk.sender_id == endpoint_.sender_id()) return;
   if (chunk.count < 1 || chunk.count > kMostPieces || chunk.index < 0 || chunk.index >= chunk.count ||
       chunk.total_size < 8 || static_cast<std::size_t>(chunk.total_size) > options_.max_message_bytes ||
       chunk.count > chunk.total_size || chunk.size < 1 || chunk.offset < 0 ||
       chunk.offset > chunk.total_size - chunk.size || chunk.message_id < 0 || chunk.sender_id == 0) {
-    return endpoint_.reject(channel, "impossible numbers in a chunk");
+    return endpoint_.reject(chunk_channel(options_.topic), "impossible numbers in a chunk");
   }
   if (!offer_ || chunk.sender_id != offer_->sender_id) {
-    if (options_.accept_unasked) take_unasked(chunk);
+    if (options_.accept_unasked) take_unasked(*view);
     return;
   }
   const auto it = assemblies_.find(chunk.message_id);
@@ -105,14 +105,15 @@ void Inbox::on_chunk(const std::uint8_t* data, std::size_t size) {
     if (chunk.message_id < next_) ++endpoint_.counters()["duplicates"];
     return;
   }
-  if (!take_piece(it->second, chunk)) return;
+  if (!take_piece(it->second, *view)) return;
   deliver_ready();
   pump();
 }
 
-bool Inbox::take_piece(Assembly& a, const chunk_t& chunk) {
+bool Inbox::take_piece(Assembly& a, const ChunkView& view) {
+  const chunk_t& chunk = view.fields;
   const auto crc = static_cast<std::uint32_t>(chunk.crc32);
-  const bool same = a.known && a.crc == crc && a.bytes->size == static_cast<std::size_t>(chunk.total_size) &&
+  const bool same = a.known && a.crc == crc && a.bytes->size() == static_cast<std::size_t>(chunk.total_size) &&
                     a.pieces.size() == static_cast<std::size_t>(chunk.count) &&
                     a.sender_id == chunk.sender_id;
   if (a.known && !same && a.sender_id == chunk.sender_id && whole(a)) return false;
@@ -126,7 +127,7 @@ bool Inbox::take_piece(Assembly& a, const chunk_t& chunk) {
     a.crc = crc;
     a.sender_id = chunk.sender_id;
     a.have = a.have_bytes = 0;
-    a.bytes = std::make_shared<MessageBytes>(static_cast<std::size_t>(chunk.total_size));
+    a.bytes = std::make_shared<ByteVector>(static_cast<std::size_t>(chunk.total_size));
   }
   Piece& piece = a.pieces[static_cast<std::size_t>(chunk.index)];
   if (piece.state == Piece::State::kHave) {
@@ -141,8 +142,8 @@ bool Inbox::take_piece(Assembly& a, const chunk_t& chunk) {
   piece.state = Piece::State::kHave;
   a.touched_us = endpoint_.bus().now_us();
   ++a.have;
-  a.have_bytes += chunk.data.size();
-  std::memcpy(a.bytes->data.get() + chunk.offset, chunk.data.data(), chunk.data.size());
+  a.have_bytes += view.size;
+  std::memcpy(a.bytes->data() + chunk.offset, view.data, view.size);
   if (asked) {
     for (auto& entry : assemblies_) {
       if (!entry.second.known) continue;
@@ -158,13 +159,14 @@ bool Inbox::take_piece(Assembly& a, const chunk_t& chunk) {
 }
 
 bool Inbox::intact(const Assembly& a) {
-  if (a.have_bytes == a.bytes->size && crc32(a.bytes->data.get(), a.bytes->size) == a.crc) return true;
+  if (a.have_bytes == a.bytes->size() && crc32(a.bytes->data(), a.bytes->size()) == a.crc) return true;
   endpoint_.reject(chunk_channel(options_.topic),
                    "the checksum of message " + std::to_string(a.id) + " is wrong");
   return false;
 }
 
-void Inbox::take_unasked(const chunk_t& chunk) {
+void Inbox::take_unasked(const ChunkView& view) {
+  const chunk_t& chunk = view.fields;
   const auto key = std::make_pair(chunk.sender_id, chunk.message_id);
   auto it = unasked_.find(key);
   if (it == unasked_.end()) {
@@ -178,7 +180,7 @@ void Inbox::take_unasked(const chunk_t& chunk) {
     it->second.id = chunk.message_id;
     it->second.sender_id = chunk.sender_id;
   }
-  if (take_piece(it->second, chunk)) release_unasked();
+  if (take_piece(it->second, view)) release_unasked();
 }
 
 // Hands up whole messages, each sender's in order. An older one that is not whole is waited for a moment: the
@@ -253,6 +255,7 @@ void Inbox::pump() {
   const offer_t* owner = offer();
   if (owner == nullptr || silent_) return;
   find_lost();
+  if (!endpoint_.may_ask()) return;
   std::int64_t end = std::min({owner->next_id, limit_, next_ + options_.prefetch});
   if (options_.order == Order::kLatest) end = std::min(end, next_ + 1);
   for (std::int64_t id = next_; id < end && endpoint_.free_window() > 0; ++id) {

@@ -13,17 +13,10 @@
 
 namespace hp2 {
 
-/// Bytes of a received message. Memory is touched only as far as pieces arrive.
-struct MessageBytes {
-  explicit MessageBytes(std::size_t n) : data(new std::uint8_t[n]), size(n) {}
-  std::unique_ptr<std::uint8_t[]> data;
-  std::size_t size;
-};
-
 /// A whole message as it is handed up.
 struct Delivery {
   std::int64_t id = 0;
-  std::shared_ptr<MessageBytes> bytes;
+  std::shared_ptr<ByteVector> bytes;
   std::int64_t sender_id = 0;
 };
 
@@ -93,12 +86,12 @@ class Inbox {
     bool known = false;            // count, size and crc
     std::size_t have = 0, have_bytes = 0;
     std::int64_t touched_us = 0;
-    std::shared_ptr<MessageBytes> bytes;
+    std::shared_ptr<ByteVector> bytes;  // memory is touched only as far as pieces arrive
   };
 
   void on_chunk(const std::uint8_t* data, std::size_t size);
-  bool take_piece(Assembly& assembly, const chunk_t& chunk);
-  void take_unasked(const chunk_t& chunk);
+  bool take_piece(Assembly& assembly, const ChunkView& piece);
+  void take_unasked(const ChunkView& piece);
   void release_unasked();
   bool whole(const Assembly& assembly) const {
     return assembly.known && assembly.have == assembly.pieces.size();

@@ -94,10 +94,14 @@ void walk(LayoutWalker& w, const resume_t*) {
   w.skip(w.count(1));
 }
 
-void walk(LayoutWalker& w, const scan_t*) {
+void walk_before_points(LayoutWalker& w) {
   w.skip(2 * kI64);
   w.string();
   w.skip(2 * kI64);
+}
+
+void walk(LayoutWalker& w, const scan_t*) {
+  walk_before_points(w);
   w.skip(w.count(3 * kF32) * 3 * kF32);
   w.skip(w.count(kF32) * kF32);
   w.skip(w.count(kF32) * kF32);

@@ -34,6 +34,8 @@ class LayoutWalker {
   void string();
   bool ok() const { return ok_; }
   bool at_end() const { return ok_ && left_ == 0; }
+  /// The first byte that was not walked over.
+  const std::uint8_t* position() const { return data_; }
 
  private:
   const std::uint8_t* data_;
@@ -56,12 +58,13 @@ void walk(LayoutWalker& w, const status_t*);
 void walk(LayoutWalker& w, const submap_t*);
 void walk(LayoutWalker& w, const trajectory_t*);
 
-/// Decodes a message whose bytes nobody vouches for.
-/// @return false, with `message` unspecified, for a wrong fingerprint, a count that the bytes do not bear
-/// out, a
-///         truncated message or one with bytes to spare. Allocates no more than a small multiple of `size`.
+/// Walks over scan_t up to the number of points.
+void walk_before_points(LayoutWalker& w);
+
+/// Whether bytes that nobody vouches for are one message of type T: its fingerprint, counts that the bytes bear out, none
+/// missing and none to spare.
 template <class T>
-bool safe_decode(const std::uint8_t* data, std::size_t size, T& message) {
+bool has_layout(const std::uint8_t* data, std::size_t size) {
   constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
   if (size < 8 || size > kMaxBytes) return false;
   std::uint64_t fingerprint = 0;
@@ -69,7 +72,14 @@ bool safe_decode(const std::uint8_t* data, std::size_t size, T& message) {
   if (fingerprint != static_cast<std::uint64_t>(T::getHash())) return false;
   LayoutWalker w(data + 8, size - 8);
   walk(w, static_cast<const T*>(nullptr));
-  return w.at_end() && message.decode(data, 0, static_cast<int>(size)) == static_cast<int>(size);
+  return w.at_end();
+}
+
+/// Decodes a message whose bytes nobody vouches for. Allocates no more than a small multiple of `size`.
+/// @return false, with `message` unspecified, if the bytes do not have the type's layout
+template <class T>
+bool safe_decode(const std::uint8_t* data, std::size_t size, T& message) {
+  return has_layout<T>(data, size) && message.decode(data, 0, static_cast<int>(size)) == static_cast<int>(size);
 }
 
 }  // namespace hp2

@@ -15,6 +15,7 @@
 #include <spdlog/spdlog.h>
 
 #include "common/error.hpp"
+#include "common/transport/channels.hpp"
 
 namespace hp2 {
 namespace {
@@ -115,6 +116,7 @@ void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_
     spdlog::warn("LCM's receiving socket was not found: malformed datagrams are not kept away from it");
   }
   lcm_->subscriptions.push_back(std::move(subscription));
+  wants_scans_ = wants_scans_ || channel == chunk_channel(kScanTopic);
 }
 
 std::int64_t LcmBus::dropped() const { return filter_.dropped(); }
@@ -153,6 +155,8 @@ void LcmBus::run_jobs() {
 
 void LcmBus::run(const std::function<bool()>& tick) {
   constexpr std::int64_t kTickUs = 5'000;
+  if (!wants_scans_ && !lcm_->subscriptions.empty())  // by now all is subscribed to
+    passes_scans_over_ = filter_.attach(url_, chunk_channel(kScanTopic));
   std::int64_t next_tick = now_us();
   while (true) {
     const std::int64_t now = now_us();

@@ -32,6 +32,7 @@ class LcmBus : public Bus {
   std::int64_t wall_us() const override;
   int receive_capacity() const override { return receive_capacity_; }
   std::int64_t dropped() const override;
+  bool passes_scans_over() const override { return passes_scans_over_; }
 
   /// The URL in use.
   const std::string& url() const { return url_; }
@@ -50,6 +51,7 @@ class LcmBus : public Bus {
   std::string url_;
   int receive_capacity_ = 2;
   DatagramFilter filter_;
+  bool wants_scans_ = false, passes_scans_over_ = false;
   std::exception_ptr error_;  // thrown by a subscriber
   std::unique_ptr<Lcm> lcm_;
   int wake_fd_ = -1;

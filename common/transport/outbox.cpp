@@ -17,7 +17,7 @@ constexpr int kUnaskedPiecesATick = 2;
 
 }  // namespace
 
-EncodedMessage::EncodedMessage(std::vector<std::uint8_t> encoded)
+EncodedMessage::EncodedMessage(ByteVector encoded)
     : bytes(std::move(encoded)),
       crc(crc32(bytes.data(), bytes.size())),
       pieces(std::max(1, static_cast<int>((bytes.size() + kPieceBytes - 1) / kPieceBytes))),
@@ -112,12 +112,11 @@ void Outbox::send_piece(std::int64_t id, EncodedMessage& message, int index) {
   chunk.offset = static_cast<std::int32_t>(offset);
   chunk.crc32 = static_cast<std::int32_t>(message.crc);
   chunk.size = static_cast<std::int32_t>(std::min(kPieceBytes, message.bytes.size() - offset));
-  chunk.data.assign(message.bytes.begin() + static_cast<std::ptrdiff_t>(offset),
-                    message.bytes.begin() + static_cast<std::ptrdiff_t>(offset) + chunk.size);
   ++endpoint_.counters()["chunks_sent"];
   if (message.sent[static_cast<std::size_t>(index)]) ++endpoint_.counters()["chunks_resent"];
   message.sent[static_cast<std::size_t>(index)] = true;
-  endpoint_.publish(chunk_channel(topic_), chunk);
+  const ByteVector bytes = encode_chunk(chunk, message.bytes.data() + offset);
+  endpoint_.bus().publish(chunk_channel(topic_), bytes.data(), bytes.size());
 }
 
 void Outbox::poll() {

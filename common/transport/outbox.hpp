@@ -13,8 +13,8 @@ namespace hp2 {
 
 /// The bytes of a message, ready to be cut into pieces.
 struct EncodedMessage {
-  explicit EncodedMessage(std::vector<std::uint8_t> encoded);
-  std::vector<std::uint8_t> bytes;
+  explicit EncodedMessage(ByteVector encoded);
+  ByteVector bytes;
   std::uint32_t crc = 0;
   int pieces = 1;
   std::vector<bool> sent;  ///< Which pieces were sent before; only the bus's thread touches it.

@@ -98,7 +98,8 @@ void Presence::poll(bool force) {
   const std::int64_t now = endpoint_.bus().now_us();
   if (!force && now - last_us_ < kPeriodUs) return;
   last_us_ = now;
-  endpoint_.counters()["datagrams_dropped"] = endpoint_.bus().dropped();
+  const Bus& bus = endpoint_.bus();
+  endpoint_.counters()[bus.passes_scans_over() ? "datagrams_passed_over" : "datagrams_dropped"] = bus.dropped();
   if (!history_.empty() && report_.done < history_.back().second) history_.clear();
   history_.emplace_back(now, report_.done);
   while (now - history_.front().first > kRateWindowUs) history_.pop_front();

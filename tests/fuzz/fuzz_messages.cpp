@@ -36,9 +36,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   ++data;
   --size;
   switch (type % 17) {
-    case 0:
+    case 0: {
       decode<hp2::chunk_t>(data, size);
+      const auto bytes = with_fingerprint<hp2::chunk_t>(data, size);
+      const auto piece = hp2::view_chunk(bytes.data(), bytes.size());
+      if (piece && piece->data + piece->size != bytes.data() + bytes.size()) std::abort();
       break;
+    }
     case 1:
       decode<hp2::closure_t>(data, size);
       break;
@@ -79,6 +83,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const auto bytes = with_fingerprint<hp2::scan_t>(data, size);
       const auto scan = hp2::decode_scan(bytes.data(), bytes.size());
       if (scan && (scan->y.size() != scan->size() || scan->z.size() != scan->size())) std::abort();
+      if (scan && hp2::encode_scan(*scan).size() != bytes.size()) std::abort();
       break;
     }
     case 14: {

@@ -54,7 +54,7 @@ Scan timed_scan(int k, std::size_t n = 10) {
 
 /// The pieces of a scan, `size` bytes each.
 std::vector<std::vector<std::uint8_t>> pieces_of(const Scan& scan, std::size_t size) {
-  const std::vector<std::uint8_t> whole = encode_scan(scan);
+  const ByteVector whole = encode_scan(scan);
   std::vector<std::vector<std::uint8_t>> pieces;
   const std::size_t count = (whole.size() + size - 1) / size;
   for (std::size_t i = 0; i < count; ++i) {

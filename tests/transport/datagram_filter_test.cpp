@@ -83,6 +83,24 @@ TEST_F(DatagramFilterTest, DropsAndCountsWhatItsReceiverWouldDieOf) {
   EXPECT_EQ(filter_.dropped(), 11);
 }
 
+TEST_F(DatagramFilterTest, KeepsAnUnwantedChannelAway) {
+  const std::string zero(1, '\0');
+  ASSERT_TRUE(
+      filter_.attach("udpm://239.255.76.67:" + std::to_string(ntohs(address_.sin_port)), "HP2_CHUNK_SCAN"));
+  const auto on = [&](const std::string& channel) { return "LC02" + big_endian(1, 4) + channel + zero; };
+  EXPECT_FALSE(passes(on("HP2_CHUNK_SCAN") + std::string(60000, 'x')));
+  EXPECT_FALSE(passes(on("HP2_CHUNK_SCAN")));
+  EXPECT_EQ(filter_.dropped(), 2);
+  EXPECT_TRUE(passes(on("HP2_CHUNK_SCAN2") + "data"));
+  EXPECT_TRUE(passes(on("HP2_CHUNK_SUBMAP") + "data"));
+  EXPECT_TRUE(passes(on("HP2_CHUNK_SCA") + "data"));
+  EXPECT_TRUE(passes(on("C")));
+  EXPECT_TRUE(passes(fragment(100'000, 0, 0, "HP2_SCAN" + zero + std::string(50000, 'x'))));
+  EXPECT_TRUE(passes(fragment(100'000, 50'000, 1, std::string(50000, 'x'))));
+  EXPECT_FALSE(passes("LC02" + big_endian(1, 4) + "HP2_CHUNK_SCAN"));
+  EXPECT_EQ(filter_.dropped(), 3);
+}
+
 TEST(DatagramFilter, SaysWhenThereIsNoSocket) {
   DatagramFilter filter;
   EXPECT_FALSE(filter.attach("udpm://239.255.76.67:1?ttl=0"));

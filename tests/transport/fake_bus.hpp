@@ -25,6 +25,7 @@ class FakeBus : public Bus {
   std::int64_t wall_us() const override { return now_us(); }
   int receive_capacity() const override { return 3; }
   std::int64_t dropped() const override { return 0; }
+  bool passes_scans_over() const override { return false; }
 
  private:
   friend class FakeNetwork;

@@ -110,7 +110,7 @@ TYPED_TEST(Layout, SurvivesAbsurdCountsEverywhere) {
 // 300,000 altered messages of all types through every check that the processes apply.
 TEST(Convert, SurvivesRubbish) {
   Rng rng(7);
-  std::vector<std::vector<std::uint8_t>> seeds;
+  std::vector<ByteVector> seeds;
   const auto add = [&](auto message) {
     fill(rng, message);
     seeds.push_back(encode_message(message));
@@ -122,6 +122,7 @@ TEST(Convert, SurvivesRubbish) {
     add(submap_t{});
     add(trajectory_t{});
     add(status_t{});
+    add(chunk_t{});
   }
   for (int i = 0; i < 300'000; ++i) {
     auto bytes = seeds[rng() % seeds.size()];
@@ -131,6 +132,10 @@ TEST(Convert, SurvivesRubbish) {
     const auto* data = bytes.data();
     const std::size_t size = bytes.size();
     decode_scan(data, size);
+    const auto piece = view_chunk(data, size);
+    if (piece) {
+      ASSERT_EQ(piece->data + piece->size, data + size);
+    }
     decode_submap(data, size, 0);
     decode_graph(data, size, 0);
     decode_trajectory(data, size, 0);
@@ -160,6 +165,58 @@ TEST(Convert, ScansComeBackAsTheyWere) {
   EXPECT_EQ(back->time, scan.time);
   EXPECT_TRUE(back->intensity.empty());
   EXPECT_EQ(std::memcmp(back->x.data(), scan.x.data(), 12), 0) << "bits of a NaN, too";
+}
+
+// Every length of the arrays, as they are copied four words at a time.
+TEST(Convert, ScansAndPiecesAreTheBytesOfTheirTypes) {
+  Rng rng(9);
+  const auto numbers = [&rng](std::size_t n) {
+    std::vector<float> v(n);
+    for (float& x : v) x = static_cast<float>(rng()) * 1e-6F - 2000.0F;
+    return v;
+  };
+  for (std::size_t n = 0; n < 10; ++n) {
+    Scan scan;
+    scan.sequence = 7;
+    scan.utime = 1'600'000'000'000'000;
+    scan.duration_us = 100'000;
+    scan.sensor = "hdl64";
+    scan.x = numbers(n), scan.y = numbers(n), scan.z = numbers(n);
+    if (n % 2 == 0) scan.intensity = numbers(n);
+    if (n % 3 == 0) scan.time = numbers(n);
+    scan_t m{};
+    m.utime = scan.utime, m.duration = scan.duration_us, m.sensor = scan.sensor, m.sequence = 7;
+    m.n = static_cast<std::int32_t>(n);
+    m.x = scan.x, m.y = scan.y, m.z = scan.z;
+    m.n_intensity = static_cast<std::int32_t>(scan.intensity.size());
+    m.intensity = scan.intensity;
+    m.n_time = static_cast<std::int32_t>(scan.time.size());
+    m.time = scan.time;
+    const ByteVector bytes = encode_scan(scan);
+    EXPECT_EQ(bytes, encode_message(m)) << n << " points";
+    const auto back = decode_scan(bytes.data(), bytes.size());
+    ASSERT_TRUE(back);
+    EXPECT_EQ(back->z, scan.z);
+    EXPECT_EQ(back->intensity, scan.intensity);
+    EXPECT_EQ(back->time, scan.time);
+
+    chunk_t chunk{};
+    chunk.session_id = 1, chunk.sender_id = -2, chunk.message_id = 3, chunk.index = 4, chunk.count = 5;
+    chunk.total_size = 600, chunk.offset = 70, chunk.crc32 = -8, chunk.size = static_cast<std::int32_t>(n);
+    const ByteVector data(n, 0xC3);
+    const ByteVector piece = encode_chunk(chunk, data.data());
+    chunk.data.assign(data.begin(), data.end());
+    EXPECT_EQ(piece, encode_message(chunk)) << n << " bytes";
+    const auto view = view_chunk(piece.data(), piece.size());
+    ASSERT_TRUE(view);
+    EXPECT_EQ(ByteVector(view->data, view->data + view->size), data);
+    chunk.data.clear();
+    chunk_t fields = view->fields;
+    EXPECT_EQ(fields.size, chunk.size);
+    chunk.size = fields.size = 0;
+    EXPECT_EQ(encode_message(fields), encode_message(chunk));
+    for (std::size_t cut = 0; cut < piece.size(); ++cut) ASSERT_FALSE(view_chunk(piece.data(), cut));
+  }
 }
 
 TEST(Convert, ArraysThatDoNotFitTogetherAreRefused) {

@@ -14,9 +14,9 @@ namespace {
 
 constexpr std::int64_t kSession = 77;
 
-std::vector<std::uint8_t> message_bytes(std::int64_t id) {
+ByteVector message_bytes(std::int64_t id) {
   std::mt19937 rng(static_cast<unsigned>(id));
-  std::vector<std::uint8_t> bytes(8 + rng() % 400'000);
+  ByteVector bytes(8 + rng() % 400'000);
   for (auto& b : bytes) b = static_cast<std::uint8_t>(rng());
   return bytes;
 }
@@ -46,8 +46,8 @@ struct Reader {
   void take(Delivery d) {
     ids.push_back(d.id);
     const auto expected = message_bytes(d.id);
-    ASSERT_EQ(d.bytes->size, expected.size());
-    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), d.bytes->data.get()));
+    ASSERT_EQ(d.bytes->size(), expected.size());
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), d.bytes->data()));
   }
   FakeBus bus;
   Endpoint endpoint;

@@ -1,0 +1,144 @@
+#include "common/transport/bulk_codec.hpp"
+
+#include <cstring>
+#include <utility>
+
+#include "common/transport/convert_checks.hpp"
+
+namespace hp2 {
+namespace {
+
+constexpr std::size_t kWord = 4, kFingerprint = 8;
+
+// Words of 4 bytes with their bytes the other way round (LCM's numbers are big-endian), four at a time: portable
+// vectors, for which no x86-64 processor is too old.
+void copy_swapped(const void* from, std::size_t words, void* to) {
+  using Word4 = std::uint32_t __attribute__((vector_size(16)));
+  const auto* in = static_cast<const std::uint8_t*>(from);
+  auto* out = static_cast<std::uint8_t*>(to);
+  std::size_t i = 0;
+  for (; i + 4 <= words; i += 4) {
+    Word4 v;
+    std::memcpy(&v, in + kWord * i, sizeof(v));
+    v = (v << 24U) | ((v << 8U) & 0xFF0000U) | ((v >> 8U) & 0xFF00U) | (v >> 24U);
+    std::memcpy(out + kWord * i, &v, sizeof(v));
+  }
+  for (; i < words; ++i) {
+    std::uint32_t v = 0;
+    std::memcpy(&v, in + kWord * i, sizeof(v));
+    v = __builtin_bswap32(v);
+    std::memcpy(out + kWord * i, &v, sizeof(v));
+  }
+}
+
+void put_word(std::uint32_t value, std::uint8_t*& to) {
+  copy_swapped(&value, 1, to);
+  to += kWord;
+}
+
+void put_floats(const std::vector<float>& values, std::uint8_t*& to) {
+  copy_swapped(values.data(), values.size(), to);
+  to += kWord * values.size();
+}
+
+std::size_t take_count(const std::uint8_t*& from) {
+  std::uint32_t count = 0;
+  copy_swapped(from, 1, &count);
+  from += kWord;
+  return count;
+}
+
+std::vector<float> take_floats(std::size_t n, const std::uint8_t*& from) {
+  std::vector<float> values(n);
+  copy_swapped(from, n, values.data());
+  from += kWord * n;
+  return values;
+}
+
+}  // namespace
+
+// lcm-gen encodes the fields before the arrays, as a scan without points.
+ByteVector encode_scan(const Scan& scan) {
+  scan_t m{};
+  m.utime = scan.utime;
+  m.duration = scan.duration_us;
+  m.sensor = scan.sensor;
+  m.sequence = scan.sequence;
+  m.session_id = 0;
+  m.n = m.n_intensity = m.n_time = 0;
+  const auto empty_size = static_cast<std::size_t>(m.getEncodedSize());
+  ByteVector bytes(empty_size + kWord * (3 * scan.size() + scan.intensity.size() + scan.time.size()));
+  m.encode(bytes.data(), 0, static_cast<int>(empty_size));
+  std::uint8_t* to = bytes.data() + empty_size - 3 * kWord;
+  put_word(static_cast<std::uint32_t>(scan.size()), to);
+  for (const auto* axis : {&scan.x, &scan.y, &scan.z}) put_floats(*axis, to);
+  for (const auto* extra : {&scan.intensity, &scan.time}) {
+    put_word(static_cast<std::uint32_t>(extra->size()), to);
+    put_floats(*extra, to);
+  }
+  return bytes;
+}
+
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size) {
+  if (!has_layout<scan_t>(data, size)) return std::nullopt;
+  LayoutWalker walker(data + kFingerprint, size - kFingerprint);
+  walk_before_points(walker);
+  const std::uint8_t* from = walker.position();
+  std::vector<std::uint8_t> head(data, from);
+  head.resize(head.size() + 3 * kWord);  // no points, no intensities, no times
+  scan_t m{};
+  m.decode(head.data(), 0, static_cast<int>(head.size()));
+  constexpr std::int64_t kLongestSweepUs = 60'000'000;
+  if (!sane_time(m.utime) || m.duration < 0 || m.duration > kLongestSweepUs || m.sequence < -1 ||
+      !sane_time(m.sequence)) {
+    return std::nullopt;
+  }
+  const std::size_t n = take_count(from);
+  if (n > kMaxScanPoints) return std::nullopt;
+  Scan scan;
+  scan.utime = m.utime;
+  scan.duration_us = m.duration;
+  scan.sensor = std::move(m.sensor);
+  scan.sequence = m.sequence;
+  for (auto* axis : {&scan.x, &scan.y, &scan.z}) *axis = take_floats(n, from);
+  for (auto* extra : {&scan.intensity, &scan.time}) {
+    const std::size_t n_extra = take_count(from);
+    if (n_extra != 0 && n_extra != n) return std::nullopt;
+    *extra = take_floats(n_extra, from);
+  }
+  return scan;
+}
+
+// lcm-gen encodes and decodes the fields before the data, as a chunk without any.
+ByteVector encode_chunk(const chunk_t& chunk, const std::uint8_t* data) {
+  chunk_t m = chunk;
+  m.size = 0;
+  m.data.clear();
+  const auto head_size = static_cast<std::size_t>(m.getEncodedSize());
+  const auto size = static_cast<std::size_t>(chunk.size);
+  ByteVector bytes(head_size + size);
+  m.encode(bytes.data(), 0, static_cast<int>(head_size));
+  std::uint8_t* to = bytes.data() + head_size - kWord;
+  put_word(static_cast<std::uint32_t>(chunk.size), to);
+  std::memcpy(to, data, size);
+  return bytes;
+}
+
+std::optional<ChunkView> view_chunk(const std::uint8_t* data, std::size_t size) {
+  if (!has_layout<chunk_t>(data, size)) return std::nullopt;
+  static const auto head_size = static_cast<std::size_t>([] {
+    chunk_t empty{};
+    empty.size = 0;
+    return empty.getEncodedSize();
+  }());
+  std::vector<std::uint8_t> head(data, data + head_size - kWord);
+  head.resize(head_size);
+  ChunkView view;
+  view.fields.decode(head.data(), 0, static_cast<int>(head_size));
+  view.data = data + head_size;
+  view.size = size - head_size;
+  view.fields.size = static_cast<std::int32_t>(view.size);
+  return view;
+}
+
+}  // namespace hp2

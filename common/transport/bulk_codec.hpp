@@ -1,0 +1,32 @@
+// Encoding and decoding of the two message types that carry a sensor's megabytes: scan_t and chunk_t. The bytes are
+// lcm-gen's; its own code goes through a scan float by float and copies a piece's bytes twice.
+#pragma once
+#include <optional>
+
+#include "common/scan.hpp"
+#include "common/transport/byte_vector.hpp"
+#include "common/transport/layout.hpp"
+
+namespace hp2 {
+
+/// Most points that a scan may have; more is taken for an error.
+inline constexpr std::size_t kMaxScanPoints = 4'000'000;
+
+/// A scan as scan_t for session 0 ("whichever the receiver runs").
+ByteVector encode_scan(const Scan& scan);
+/// @return nothing for bytes that are no scan_t, whose arrays do not fit together, whose times are out of
+/// this world
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size);
+
+/// A chunk_t; its bytes are `data`[0, chunk.size), not `chunk.data`.
+ByteVector encode_chunk(const chunk_t& chunk, const std::uint8_t* data);
+/// A received chunk_t; its bytes stay where they were received.
+struct ChunkView {
+  chunk_t fields{};  ///< Without its data.
+  const std::uint8_t* data = nullptr;
+  std::size_t size = 0;
+};
+/// @return nothing for bytes that are no chunk_t
+std::optional<ChunkView> view_chunk(const std::uint8_t* data, std::size_t size);
+
+}  // namespace hp2
