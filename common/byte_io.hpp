@@ -28,7 +28,8 @@ class ByteWriter {
   template <class T, int R, int C>
   void put(const Eigen::Matrix<T, R, C>& m) {
     static_assert(R > 0 && C > 0, "fixed sizes only");
-    for (int i = 0; i < R * C; ++i) put(m.data()[i]);
+    const auto* p = reinterpret_cast<const std::uint8_t*>(m.data());
+    bytes_.insert(bytes_.end(), p, p + sizeof(T) * R * C);
   }
   void put(const Pose& pose) {
     put(pose.translation);

@@ -12,7 +12,7 @@
 namespace hp2 {
 namespace {
 
-constexpr int kInWorker = 4;  // scans that are decoded or wait for it while one is registered
+constexpr int kInWorker = 8;  // scans that are decoded or wait for it while one is registered
 constexpr std::int64_t kNothing = 0, kEverything = std::int64_t{1} << 62;
 constexpr std::int64_t kListenForTwinUs = 1'100'000;
 constexpr std::int64_t kBehindPatienceUs = 2'000'000;
@@ -29,7 +29,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
       presence_(endpoint_, "hp2_frontend"),
       control_(endpoint_, "hp2_frontend", [this](const control_t& m, bool named) { on_command(m, named); }),
       resume_(endpoint_, {kResumeTopic, Inbox::Order::kLatest}, [this](const Delivery& d) { on_resume(d); }),
-      scans_(endpoint_, {kScanTopic, Inbox::Order::kAll, 3, std::size_t{128} << 20U, true},
+      scans_(endpoint_, {kScanTopic, Inbox::Order::kAll, 4, std::size_t{128} << 20U, true},
              [this](Delivery d) { on_scan(std::move(d)); }),
       submaps_(endpoint_, !options.standalone),
       live_(endpoint_, options.live_backlog),

@@ -15,7 +15,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kAwake = std::chrono::microseconds(100);  // a worker without work, before it sleeps
+constexpr auto kAwake = std::chrono::microseconds(30);  // a worker without work, before it sleeps
 constexpr int kPausesALook = 64;                         // between two looks at the clock
 constexpr std::uint64_t kLeft = 0xFFFFFFFFU;             // bits of Impl::state that count blocks
 
@@ -149,7 +149,7 @@ void WorkerPool::run(std::size_t blocks, void (*call)(const void*, std::size_t),
   inside_a_block = false;
   for (int i = 0; pool.done.load(std::memory_order_acquire) != blocks; ++i) {
     pause();
-    if (i % 4096 == 4095) std::this_thread::yield();  // the other thread may have no processor
+    if (i % 512 == 511) std::this_thread::yield();  // the other thread may have no processor
   }
   if (pool.error) std::rethrow_exception(std::exchange(pool.error, nullptr));
 }

@@ -25,7 +25,7 @@ RegistrationWorker::~RegistrationWorker() {
     const std::lock_guard<std::mutex> lock(mutex_);
     stop_ = true;
   }
-  wake_.notify_all();
+  for (auto* wake : {&to_decode_, &to_register_, &to_pack_}) wake->notify_all();
   decoder_.join();
   registrar_.join();
   packer_.join();
@@ -36,7 +36,8 @@ std::int64_t RegistrationWorker::begin(std::int64_t session_id, const std::vecto
   jobs_.clear();
   parcels_.clear();
   ++generation_;
-  wake_.wait(lock, [this] { return !registering_; });
+  to_register_.notify_all();  // it may wait for parcels to be packed
+  idle_.wait(lock, [this] { return !registering_; });
   session_id_ = session_id;
   frontend_ = std::make_unique<Frontend>(config_, threads_);
   if (!state.empty()) frontend_->restore_state(state);
@@ -47,19 +48,19 @@ void RegistrationWorker::add(ScanJob job) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const bool decoded = job.scan.has_value();
   jobs_.push_back({std::move(job), false, decoded});
-  wake_.notify_all();
+  (decoded ? to_register_ : to_decode_).notify_all();
 }
 
 void RegistrationWorker::finish() {
   const std::lock_guard<std::mutex> lock(mutex_);
   jobs_.push_back({{}, true, true});
-  wake_.notify_all();
+  to_register_.notify_all();
 }
 
 void RegistrationWorker::pause(bool paused) {
   const std::lock_guard<std::mutex> lock(mutex_);
   paused_ = paused;
-  wake_.notify_all();
+  to_register_.notify_all();
 }
 
 // An exception that left a thread would end the process without a word.
@@ -76,7 +77,7 @@ void RegistrationWorker::run_thread(void (RegistrationWorker::*loop)()) {
     registering_ = false;
     event.generation = generation_;
   }
-  wake_.notify_all();
+  idle_.notify_all();
   sink_(std::move(event));
 }
 
@@ -86,7 +87,7 @@ void RegistrationWorker::decode_loop() {
     const auto undecoded = [](const Job& job) { return !job.decoded; };
     const auto it = std::find_if(jobs_.begin(), jobs_.end(), undecoded);
     if (it == jobs_.end()) {
-      wake_.wait(lock);
+      to_decode_.wait(lock);
       continue;
     }
     const auto bytes = it->scan.bytes;
@@ -100,7 +101,7 @@ void RegistrationWorker::decode_loop() {
     job->scan.scan = std::move(scan);
     job->scan.bytes.reset();
     job->decoded = true;
-    wake_.notify_all();
+    to_register_.notify_all();
   }
 }
 
@@ -108,7 +109,7 @@ void RegistrationWorker::register_loop() {
   std::unique_lock<std::mutex> lock(mutex_);
   while (!stop_) {
     if (jobs_.empty() || !jobs_.front().decoded || (paused_ && !jobs_.front().finish)) {
-      wake_.wait(lock);
+      to_register_.wait(lock);
       continue;
     }
     Job job = std::move(jobs_.front());
@@ -127,12 +128,13 @@ void RegistrationWorker::register_loop() {
         parcel.session_id = session_id_;
         parcels_.push_back(std::move(parcel));
       }
+      if (!parcels.empty()) to_pack_.notify_all();
     }
-    wake_.notify_all();
+    idle_.notify_all();
     lock.unlock();
     sink_(std::move(event));
     lock.lock();
-    wake_.wait(lock, [this] { return stop_ || parcels_.size() <= kMostParcels; });
+    to_register_.wait(lock, [this] { return stop_ || parcels_.size() <= kMostParcels; });
   }
 }
 
@@ -187,12 +189,12 @@ void RegistrationWorker::pack_loop() {
   std::unique_lock<std::mutex> lock(mutex_);
   while (!stop_) {
     if (parcels_.empty()) {
-      wake_.wait(lock);
+      to_pack_.wait(lock);
       continue;
     }
     Parcel parcel = std::move(parcels_.front());
     parcels_.pop_front();
-    wake_.notify_all();
+    to_register_.notify_all();
     lock.unlock();
     sink_(pack(std::move(parcel)));
     lock.lock();

@@ -91,7 +91,8 @@ class RegistrationWorker {
   std::unique_ptr<Frontend> frontend_;
 
   std::mutex mutex_;
-  std::condition_variable wake_;
+  // One a thread: a broadcast would wake all three, several times a scan.
+  std::condition_variable to_decode_, to_register_, to_pack_, idle_;
   std::deque<Job> jobs_;  // in order; decoded ones may be registered
   std::deque<Parcel> parcels_;
   bool paused_ = false, stop_ = false, registering_ = false;

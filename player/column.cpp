@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 namespace hp2 {
 namespace {
@@ -11,6 +12,10 @@ namespace {
 template <typename In, bool kSwap, typename Out>
 void convert(const Column& column, std::size_t n, Out* out) {
   const char* p = column.first;
+  if (std::is_same_v<In, Out> && !kSwap && column.stride == sizeof(In) && n > 0) {
+    std::memcpy(out, p, n * sizeof(In));
+    return;
+  }
   for (std::size_t i = 0; i < n; ++i, p += column.stride) {
     char bytes[sizeof(In)];
     std::memcpy(bytes, p, sizeof(In));

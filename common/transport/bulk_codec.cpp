@@ -110,27 +110,29 @@ std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size) {
 }
 
 // lcm-gen encodes and decodes the fields before the data, as a chunk without any.
-ByteVector encode_chunk(const chunk_t& chunk, const std::uint8_t* data) {
+ByteVector encode_chunk_head(const chunk_t& chunk) {
   chunk_t m = chunk;
   m.size = 0;
   m.data.clear();
-  const auto head_size = static_cast<std::size_t>(m.getEncodedSize());
-  const auto size = static_cast<std::size_t>(chunk.size);
-  ByteVector bytes(head_size + size);
-  m.encode(bytes.data(), 0, static_cast<int>(head_size));
-  std::uint8_t* to = bytes.data() + head_size - kWord;
+  ByteVector head(chunk_head_size());
+  m.encode(head.data(), 0, static_cast<int>(head.size()));
+  std::uint8_t* to = head.data() + head.size() - kWord;
   put_word(static_cast<std::uint32_t>(chunk.size), to);
-  std::memcpy(to, data, size);
-  return bytes;
+  return head;
 }
 
-std::optional<ChunkView> view_chunk(const std::uint8_t* data, std::size_t size) {
-  if (!has_layout<chunk_t>(data, size)) return std::nullopt;
-  static const auto head_size = static_cast<std::size_t>([] {
+std::size_t chunk_head_size() {
+  static const auto size = static_cast<std::size_t>([] {
     chunk_t empty{};
     empty.size = 0;
     return empty.getEncodedSize();
   }());
+  return size;
+}
+
+std::optional<ChunkView> view_chunk(const std::uint8_t* data, std::size_t size) {
+  if (!has_layout<chunk_t>(data, size)) return std::nullopt;
+  const std::size_t head_size = chunk_head_size();
   std::vector<std::uint8_t> head(data, data + head_size - kWord);
   head.resize(head_size);
   ChunkView view;

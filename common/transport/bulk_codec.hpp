@@ -18,8 +18,10 @@ ByteVector encode_scan(const Scan& scan);
 /// this world
 std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size);
 
-/// A chunk_t; its bytes are `data`[0, chunk.size), not `chunk.data`.
-ByteVector encode_chunk(const chunk_t& chunk, const std::uint8_t* data);
+/// What comes before the bytes of an encoded chunk_t; `chunk.data` does not matter, `chunk.size` does.
+ByteVector encode_chunk_head(const chunk_t& chunk);
+/// Bytes of encode_chunk_head().
+std::size_t chunk_head_size();
 /// A received chunk_t; its bytes stay where they were received.
 struct ChunkView {
   chunk_t fields{};  ///< Without its data.

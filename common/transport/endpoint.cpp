@@ -26,7 +26,7 @@ std::int64_t random_id() {
 
 Endpoint::Endpoint(Bus& bus) : bus_(bus), sender_id_(random_id()) {
   // One datagram's room is left for everything that this process did not ask for.
-  max_window_ = window_ = std::clamp(bus.receive_capacity() - 1, 1, 16);
+  max_window_ = window_ = std::clamp(bus.receive_capacity() - 1, 1, 32);
   for (const char* name : {"chunks_sent", "chunks_resent", "duplicates", "lost", "rejected"})
     counters_[name] = 0;
   bus_.subscribe(

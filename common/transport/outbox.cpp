@@ -102,7 +102,7 @@ bool Outbox::answer(const Request& request) {
 
 void Outbox::send_piece(std::int64_t id, EncodedMessage& message, int index) {
   const std::size_t offset = static_cast<std::size_t>(index) * kPieceBytes;
-  chunk_t chunk;
+  chunk_t chunk{};
   chunk.session_id = any_session_ ? 0 : endpoint_.session_id();
   chunk.sender_id = endpoint_.sender_id();
   chunk.message_id = id;
@@ -115,8 +115,19 @@ void Outbox::send_piece(std::int64_t id, EncodedMessage& message, int index) {
   ++endpoint_.counters()["chunks_sent"];
   if (message.sent[static_cast<std::size_t>(index)]) ++endpoint_.counters()["chunks_resent"];
   message.sent[static_cast<std::size_t>(index)] = true;
-  const ByteVector bytes = encode_chunk(chunk, message.bytes.data() + offset);
-  endpoint_.bus().publish(chunk_channel(topic_), bytes.data(), bytes.size());
+  // The bytes before the piece lend their place to its head: a piece is not copied to be sent.
+  const ByteVector head = encode_chunk_head(chunk);
+  const auto size = static_cast<std::size_t>(chunk.size);
+  if (offset < head.size()) {
+    ByteVector bytes(head);
+    bytes.insert(bytes.end(), message.bytes.begin(), message.bytes.begin() + chunk.size);
+    return endpoint_.bus().publish(chunk_channel(topic_), bytes.data(), bytes.size());
+  }
+  std::uint8_t* begin = message.bytes.data() + offset - head.size();
+  const ByteVector lent(begin, begin + head.size());
+  std::copy(head.begin(), head.end(), begin);
+  endpoint_.bus().publish(chunk_channel(topic_), begin, head.size() + size);
+  std::copy(lent.begin(), lent.end(), begin);
 }
 
 void Outbox::poll() {

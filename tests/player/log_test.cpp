@@ -33,7 +33,7 @@ void put_big(std::string& bytes, T value) {
 }
 
 /// One event as lcm-logger writes it.
-std::string event(const std::string& channel, const std::vector<std::uint8_t>& data) {
+std::string event(const std::string& channel, const ByteVector& data) {
   std::string b;
   put_big<std::uint32_t>(b, 0xeda1da01U);
   put_big<std::int64_t>(b, 0), put_big<std::int64_t>(b, 12345);
@@ -53,9 +53,9 @@ Scan timed_scan(int k, std::size_t n = 10) {
 }
 
 /// The pieces of a scan, `size` bytes each.
-std::vector<std::vector<std::uint8_t>> pieces_of(const Scan& scan, std::size_t size) {
+std::vector<ByteVector> pieces_of(const Scan& scan, std::size_t size) {
   const ByteVector whole = encode_scan(scan);
-  std::vector<std::vector<std::uint8_t>> pieces;
+  std::vector<ByteVector> pieces;
   const std::size_t count = (whole.size() + size - 1) / size;
   for (std::size_t i = 0; i < count; ++i) {
     chunk_t c{};

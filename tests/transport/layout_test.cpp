@@ -204,7 +204,8 @@ TEST(Convert, ScansAndPiecesAreTheBytesOfTheirTypes) {
     chunk.session_id = 1, chunk.sender_id = -2, chunk.message_id = 3, chunk.index = 4, chunk.count = 5;
     chunk.total_size = 600, chunk.offset = 70, chunk.crc32 = -8, chunk.size = static_cast<std::int32_t>(n);
     const ByteVector data(n, 0xC3);
-    const ByteVector piece = encode_chunk(chunk, data.data());
+    ByteVector piece = encode_chunk_head(chunk);
+    piece.insert(piece.end(), data.begin(), data.end());
     chunk.data.assign(data.begin(), data.end());
     EXPECT_EQ(piece, encode_message(chunk)) << n << " bytes";
     const auto view = view_chunk(piece.data(), piece.size());
