@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <fstream>
 #include <map>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 
 #include "common/config.hpp"
 #include "common/error.hpp"
+#include "common/evaluation/consistency.hpp"
 #include "common/evaluation/metrics.hpp"
 #include "common/program.hpp"
 #include "frontend/frontend.hpp"
@@ -26,6 +28,16 @@ struct Options {
   std::vector<std::string> settings;
   int threads = 2;
   std::size_t first = 0, count = 0, stride = 1;
+  std::size_t drop = 0;
+  double drop_share = 0.0;
+  unsigned drop_seed = 1;
+};
+
+// What the front-end said of each scan, in order.
+struct Estimates {
+  std::vector<Pose> poses;
+  std::vector<Matrix6d> covariances;  // of the motion from the scan before
+  std::vector<std::int64_t> ends_us;
 };
 
 struct StageStatistics {
@@ -42,17 +54,43 @@ StageStatistics stage_statistics(std::vector<double> values) {
           values[static_cast<std::size_t>(std::lround(0.99 * last))]};
 }
 
+/// Scans that are handed to the front-end: all but every drop-th, and but a random share.
+std::vector<std::size_t> kept_scans(std::size_t n, const Options& options) {
+  std::mt19937 random(options.drop_seed);
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double draw = static_cast<double>(random()) / 4294967296.0;
+    if (draw < options.drop_share || (options.drop > 0 && i % options.drop == options.drop - 1)) continue;
+    kept.push_back(i);
+  }
+  return kept;
+}
+
+/// Normalised error squared a scan pair; null if none has ground truth for both scans.
+nlohmann::ordered_json score_covariances(const std::map<std::int64_t, Pose>& truth,
+                                         const Estimates& estimates) {
+  std::vector<double> errors;
+  for (std::size_t i = 1; i < estimates.poses.size(); ++i) {
+    const auto before = truth.find(estimates.ends_us[i - 1]), at = truth.find(estimates.ends_us[i]);
+    if (before == truth.end() || at == truth.end()) continue;
+    const double error =
+        normalised_errors_squared({before->second, at->second}, {estimates.poses[i - 1], estimates.poses[i]},
+                                  {estimates.covariances[i - 1], estimates.covariances[i]})[0];
+    if (std::isfinite(error)) errors.push_back(error);
+  }
+  if (errors.empty()) return nullptr;
+  const ErrorStatistics s = statistics(errors);
+  return {{"mean", s.mean}, {"median", s.median}, {"pairs", s.n}};
+}
+
 /// ATE and KITTI drift of the poses that the drive has ground truth for; null if these are fewer than 3.
-nlohmann::ordered_json score(const ScanSource& source, const std::vector<Pose>& poses,
-                             const std::vector<std::int64_t>& ends_us) {
-  std::map<std::int64_t, Pose> truth;
-  for (const StampedPose& p : source.ground_truth()) truth[p.utime] = p.pose;
+nlohmann::ordered_json score(const std::map<std::int64_t, Pose>& truth, const Estimates& estimates) {
   std::vector<Pose> reference, estimate;
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    const auto match = truth.find(ends_us[i]);
+  for (std::size_t i = 0; i < estimates.poses.size(); ++i) {
+    const auto match = truth.find(estimates.ends_us[i]);
     if (match == truth.end()) continue;
     reference.push_back(match->second);
-    estimate.push_back(poses[i]);
+    estimate.push_back(estimates.poses[i]);
   }
   if (reference.size() < 3) return nullptr;
   const Trajectory a = make_trajectory(reference), b = make_trajectory(estimate);
@@ -90,15 +128,15 @@ int run(const Options& options) {
       {"planarity", 2}, {"solve", 3},      {"map_update", 4}};
   Frontend frontend(settings, options.threads);
   std::vector<std::vector<double>> ms(6);
-  std::vector<Pose> poses;
-  std::vector<std::int64_t> ends_us;
+  Estimates estimates;
   double points = 0.0, iterations = 0.0;
   int degenerate = 0, lost = 0;
-  for (std::size_t i = 0; i < source->size(); ++i) {
+  for (const std::size_t i : kept_scans(source->size(), options)) {
     const FrontendOutput out = frontend.process(source->read(i));
     for (std::size_t s = 0; s < ms.size(); ++s) ms[s].push_back(out.odometry.diagnostics.ms[s]);
-    poses.push_back(out.odometry.odom_from_sensor);
-    ends_us.push_back(out.odometry.utime);
+    estimates.poses.push_back(out.odometry.odom_from_sensor);
+    estimates.covariances.push_back(out.odometry.covariance);
+    estimates.ends_us.push_back(out.odometry.utime);
     points += out.odometry.n_points;
     iterations += out.odometry.diagnostics.iterations;
     degenerate += out.odometry.state == TrackingState::kDegenerate ? 1 : 0;
@@ -106,6 +144,9 @@ int run(const Options& options) {
     for (const auto& w : frontend.take_warnings()) spdlog::warn("{}", w);
   }
 
+  std::map<std::int64_t, Pose> truth;
+  for (const StampedPose& p : source->ground_truth()) truth[p.utime] = p.pose;
+  const std::vector<Pose>& poses = estimates.poses;
   const auto scans = static_cast<double>(poses.size());
   std::printf("%s: %zu scans of %.0f points, mode %s, %d thread%s\n", source->info().name.c_str(),
               poses.size(), points / scans, settings.mode.c_str(), options.threads,
@@ -119,7 +160,7 @@ int run(const Options& options) {
   }
   std::printf("iterations %.1f a scan; degenerate %d, lost %d; peak memory %.0f MB\n", iterations / scans,
               degenerate, lost, peak_memory_mb());
-  const nlohmann::ordered_json accuracy = score(*source, poses, ends_us);
+  const nlohmann::ordered_json accuracy = score(truth, estimates);
   if (!accuracy.is_null()) {
     std::printf("ATE %.3f m (RMSE, %s alignment, %zu poses)", accuracy["ate"]["rmse"].get<double>(),
                 accuracy["alignment"].get<std::string>().c_str(), accuracy["ate"]["n"].get<std::size_t>());
@@ -129,7 +170,14 @@ int run(const Options& options) {
     }
     std::printf("\n");
   }
+  const nlohmann::ordered_json nees = score_covariances(truth, estimates);
+  if (!nees.is_null()) {
+    std::printf(
+        "normalised error squared %.2f in the mean, %.2f in the median of %zu scan pairs (6 is honest)\n",
+        nees["mean"].get<double>(), nees["median"].get<double>(), nees["pairs"].get<std::size_t>());
+  }
   report["accuracy"] = accuracy;
+  report["normalised_error_squared"] = nees;
   report["mode"] = settings.mode;
   report["data"] = source->info().name;
   report["points_per_scan"] = points / scans;
@@ -169,6 +217,10 @@ int main(int argc, char** argv) {
   app.add_option("--first", options.first, "Skip so many scans");
   app.add_option("--count", options.count, "Take at most so many scans (0: all)");
   app.add_option("--stride", options.stride, "Take every N-th scan")->check(CLI::PositiveNumber);
+  app.add_option("--drop", options.drop, "Drop every N-th scan (0: none)");
+  app.add_option("--drop-share", options.drop_share, "Drop this share of the scans at random")
+      ->check(CLI::Range(0.0, 0.95));
+  app.add_option("--drop-seed", options.drop_seed, "Seed of which ones")->capture_default_str();
   app.add_option("--dataset", options.dataset, "Format (default: recognised from the folder)");
   app.add_option("--config", options.config, "YAML file with a section \"frontend\"");
   app.add_option(
