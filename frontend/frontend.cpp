@@ -15,7 +15,7 @@
 namespace hp2 {
 namespace {
 
-constexpr std::uint32_t kStateVersion = 3;
+constexpr std::uint32_t kStateVersion = 4;
 // Below this ratio of the information's eigenvalues the position along some direction is little more than
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
@@ -139,9 +139,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
       icp.iterations += before;
     }
     const bool lost = !second && astray(o.utime, sigma, icp);
-    o.covariance = motion_covariance(icp, sigma);
+    o.covariance = registration_covariance(icp, sigma);
     if (lost) {
-      o.covariance = guess_covariance(motion_.last_pose().inverse() * predicted);
       begin_anew();
     } else {
       pose = icp.map_from_source;
@@ -171,7 +170,13 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     first_cloud_ = cloud_;
   }
   clock.lap_ms();
+  const Pose before = motion_.last_pose();
   motion_.add(pose, o.utime);
+  if (o.state == TrackingState::kLost) {
+    o.covariance = guess_covariance(before.inverse() * predicted);
+  } else {
+    o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
+  }
   o.odom_from_sensor = pose;
   o.submap_id = builder_.id();
   ScanPose entry;

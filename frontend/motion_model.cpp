@@ -72,8 +72,14 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, st
 void MotionModel::add(const Pose& pose, std::int64_t utime) {
   constexpr double kMemory = 0.9;
   if (has_pose_) {
+    const Vector6d before = motion_ / static_cast<double>(interval_);
     interval_ = interval_us(utime);
     motion_ = se3_log(last_.inverse() * pose);
+    const Vector6d velocity = motion_ / static_cast<double>(interval_);
+    const Vector6d change = has_motion_ ? Vector6d(velocity - before) : velocity;
+    jerk_ = has_change_ ? Vector6d(change - change_) : Vector6d::Zero();
+    change_ = change;
+    has_change_ = has_motion_;
     has_motion_ = true;
   }
   const Eigen::Vector3d up = pose.rotation.conjugate() * Eigen::Vector3d::UnitZ();
@@ -86,6 +92,11 @@ void MotionModel::add(const Pose& pose, std::int64_t utime) {
   last_ = pose;
   last_utime_ = utime;
   has_pose_ = true;
+}
+
+Unevenness MotionModel::unevenness(std::int64_t duration_us) const {
+  const auto duration = static_cast<double>(duration_us > 0 ? duration_us : interval_);
+  return {duration * change_, duration * jerk_};
 }
 
 PosePrior MotionModel::prior(std::int64_t utime) const {
@@ -137,6 +148,9 @@ void MotionModel::save(ByteWriter& out) const {
   out.put(learned_);
   out.put(usual_translation_);
   out.put(usual_up_);
+  out.put(change_);
+  out.put(jerk_);
+  out.put(static_cast<std::uint8_t>(has_change_));
 }
 
 void MotionModel::load(ByteReader& in) {
@@ -151,8 +165,13 @@ void MotionModel::load(ByteReader& in) {
   learned_ = in.take<int>();
   usual_translation_ = in.take<Eigen::Vector3d>();
   usual_up_ = in.take<Eigen::Vector3d>();
+  change_ = in.take<Vector6d>();
+  jerk_ = in.take<Vector6d>();
+  has_change_ = in.take<std::uint8_t>() != 0;
   const bool variances = translation_variance_ >= 0.0 && rotation_variance_ >= 0.0 && learned_ >= 0;
-  if (interval_ <= 0 || !motion_.allFinite() || motion_.norm() > 1e6 || !variances) in.fail("motion");
+  const bool changes = change_.allFinite() && jerk_.allFinite() && change_.norm() + jerk_.norm() < 1e6;
+  if (interval_ <= 0 || !changes || !motion_.allFinite() || motion_.norm() > 1e6 || !variances)
+    in.fail("motion");
   const bool up = std::abs(usual_up_.norm() - 1.0) < 1e-6;
   if (!usual_translation_.allFinite() || usual_translation_.norm() > 1e6 || !up) in.fail("usual step");
 }

@@ -9,6 +9,12 @@
 
 namespace hp2 {
 
+/// How the motion has changed from one interval to the next, as twists over a sweep.
+struct Unevenness {
+  Vector6d change = Vector6d::Zero();  ///< Of the motion; all of it where none was known before.
+  Vector6d jerk = Vector6d::Zero();    ///< Of that change.
+};
+
 /// Last pose and velocity of the sensor.
 class MotionModel {
  public:
@@ -42,11 +48,17 @@ class MotionModel {
   }
   /// Forgets the motion and what was learned of it: the next pose is a first one.
   void restart() {
-    has_pose_ = has_motion_ = false;
+    has_pose_ = has_motion_ = has_change_ = false;
+    change_.setZero();
+    jerk_.setZero();
     learned_ = 0;
   }
   /// The registered pose at `utime` [us].
   void add(const Pose& pose, std::int64_t utime);
+
+  /// How unevenly the sensor has come to the last pose; a sweep of unknown length (0) lasts as long as the
+  /// interval.
+  Unevenness unevenness(std::int64_t duration_us) const;
 
   /// What the prediction for `utime` is worth, from how well earlier ones did; no information before there is
   /// a velocity.
@@ -66,9 +78,10 @@ class MotionModel {
   Vector6d motion_ = Vector6d::Zero();  // twist over interval_ [us]
   // Running means: translation from pose to pose [m], and the map's z axis in the sensor's frame.
   Eigen::Vector3d usual_translation_ = Eigen::Vector3d::Zero(), usual_up_ = Eigen::Vector3d::UnitZ();
+  Vector6d change_ = Vector6d::Zero(), jerk_ = Vector6d::Zero();  // of the velocity [twist / us]
   std::int64_t interval_ = 100000;
   std::int64_t last_utime_ = 0;
-  bool has_pose_ = false, has_motion_ = false;
+  bool has_pose_ = false, has_motion_ = false, has_change_ = false;
   double translation_variance_ = 0.0, rotation_variance_ = 0.0;  // of predictions, an axis [m^2, rad^2]
   int learned_ = 0;                                              // number of predictions that they come from
 };
