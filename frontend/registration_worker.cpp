@@ -92,8 +92,9 @@ void RegistrationWorker::decode_loop() {
     }
     const auto bytes = it->scan.bytes;
     const std::int64_t generation = generation_;
+    Scan used_up = std::move(used_up_);
     lock.unlock();
-    auto scan = decode_scan(bytes->data(), bytes->size());
+    auto scan = decode_scan(bytes->data(), bytes->size(), std::move(used_up));
     lock.lock();
     if (generation != generation_) continue;
     // Jobs are only taken from the front and only when decoded: the first undecoded one is still this one.
@@ -118,10 +119,11 @@ void RegistrationWorker::register_loop() {
     const std::int64_t generation = generation_;
     lock.unlock();
     std::vector<Parcel> parcels;
-    RegistrationEvent event = run(std::move(job), parcels);
+    RegistrationEvent event = run(job, parcels);
     event.generation = generation;
     lock.lock();
     registering_ = false;
+    if (job.scan.scan) used_up_ = std::move(*job.scan.scan);
     if (generation == generation_) {
       for (auto& parcel : parcels) {
         parcel.generation = generation;
@@ -138,7 +140,7 @@ void RegistrationWorker::register_loop() {
   }
 }
 
-RegistrationEvent RegistrationWorker::run(Job job, std::vector<Parcel>& parcels) {
+RegistrationEvent RegistrationWorker::run(Job& job, std::vector<Parcel>& parcels) {
   RegistrationEvent event;
   bool ends = job.finish;
   if (!job.finish) {

@@ -82,7 +82,7 @@ class RegistrationWorker {
   void decode_loop();
   void register_loop();
   void pack_loop();
-  RegistrationEvent run(Job job, std::vector<Parcel>& parcels);
+  RegistrationEvent run(Job& job, std::vector<Parcel>& parcels);
   static RegistrationEvent pack(Parcel parcel);
 
   const FrontendConfig config_;
@@ -95,6 +95,7 @@ class RegistrationWorker {
   std::condition_variable to_decode_, to_register_, to_pack_, idle_;
   std::deque<Job> jobs_;  // in order; decoded ones may be registered
   std::deque<Parcel> parcels_;
+  Scan used_up_;  // the last registered scan, whose memory the next decoded one takes
   bool paused_ = false, stop_ = false, registering_ = false;
   std::int64_t generation_ = 0, session_id_ = 0;
   std::thread decoder_, registrar_, packer_;

@@ -32,12 +32,14 @@ class DriveSource final : public ScanSource {
     return drive_.scans[selected_.at(index)].utime_end();
   }
 
-  Scan read(std::size_t index) const override {
+  using ScanSource::read;
+  Scan read(std::size_t index, Scan used_up) const override {
     if (index >= selected_.size())
       throw Error("there is no scan " + std::to_string(index), drive_.info.name,
                   "The drive has " + std::to_string(selected_.size()) + " scans.");
     const DriveScan& entry = drive_.scans[selected_[index]];
-    Scan scan;
+    Scan scan = std::move(used_up);
+    scan.time.clear();
     scan.sequence = static_cast<std::int64_t>(index);
     scan.utime = entry.utime;
     scan.duration_us = entry.duration_us;

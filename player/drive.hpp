@@ -30,8 +30,8 @@ struct Drive {
   /// pose.
   std::vector<std::optional<Pose>> ground_truth;
   std::vector<std::string> warnings;
-  /// Fills points and times in the sweep; everything else of the scan is set already. Called from several
-  /// threads.
+  /// Replaces the points, which may be those of an older scan, and sets the times in the sweep, if there are any, which
+  /// are empty; everything else of the scan is set already. Called from several threads.
   std::function<void(const DriveScan&, Scan&)> decode;
 };
 

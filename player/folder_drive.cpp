@@ -151,13 +151,12 @@ void read_ptimes(const std::string& path, Scan& scan) {
             std::to_string(scan.size()) + " points)",
         path,
         "It must hold one float32 in 0..1 for each point; without the folder ptimes/ there is no deskewing.");
-  std::vector<float> time(scan.size());
+  std::vector<float>& time = scan.time;
   read_column({bytes.data(), sizeof(float), ScalarType::kFloat32, false}, scan.size(), time);
   int bad = 0;  // branch-free, so that the compiler makes vectors of it
   for (const float t : time) bad |= static_cast<int>(!(std::abs(t) <= std::numeric_limits<float>::max()));
-  if (bad != 0) return;  // no time rather than a wrong one
+  if (bad != 0) return time.clear();  // no time rather than a wrong one
   for (float& t : time) t = std::min(std::max(t, 0.0F), 1.0F);
-  scan.time = std::move(time);
 }
 
 }  // namespace

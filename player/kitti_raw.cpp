@@ -149,6 +149,7 @@ void set_ground_truth(const std::string& folder, const std::vector<std::size_t>&
 /// Older copies of the data set: a line "x y z intensity" a point.
 void parse_text_scan(const std::string& path, Scan& scan) {
   const std::string text = read_text(path);
+  for (auto* column : {&scan.x, &scan.y, &scan.z, &scan.intensity}) column->clear();
   std::size_t number = 0;
   for (const std::string_view line : split_lines(text)) {
     ++number;

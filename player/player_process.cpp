@@ -33,7 +33,12 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
       endpoint_(bus),
       presence_(endpoint_, "hp2_player"),
       control_(endpoint_, "hp2_player", [this](const control_t& m, bool named) { on_command(m, named); }),
-      loader_([&source](std::int64_t id) { return encode_scan(source.read(static_cast<std::size_t>(id))); },
+      loader_(
+          [&source](std::int64_t id) {
+            thread_local Scan scan;  // its memory is used for the next one
+            scan = source.read(static_cast<std::size_t>(id), std::move(scan));
+            return encode_scan(scan);
+          },
               options.ahead, options.threads),
       outbox_(endpoint_, kScanTopic, [this](std::int64_t id) { return loader_.get(id); }),
       progress_(total_, scan_period_s(source)),

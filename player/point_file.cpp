@@ -22,10 +22,10 @@ void read_points(const PointColumns& columns, std::size_t n, PointFile& out) {
 }
 
 void move_points(PointFile& file, Scan& scan) {
-  scan.x = std::move(file.scan.x);
-  scan.y = std::move(file.scan.y);
-  scan.z = std::move(file.scan.z);
-  scan.intensity = std::move(file.scan.intensity);
+  std::swap(scan.x, file.scan.x);
+  std::swap(scan.y, file.scan.y);
+  std::swap(scan.z, file.scan.z);
+  std::swap(scan.intensity, file.scan.intensity);
 }
 
 void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {

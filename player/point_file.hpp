@@ -24,7 +24,7 @@ struct PointColumns {
 /// Reads n points of a table. See read_column for what the caller vouches for.
 void read_points(const PointColumns& columns, std::size_t n, PointFile& out);
 
-/// Moves the points of `file` into `scan`, whose clock stays as it is.
+/// Moves the points of `file` into `scan`, whose clock stays as it is; `file` has its old points' memory then.
 void move_points(PointFile& file, Scan& scan);
 
 /// KITTI's layout: float32 x y z intensity.

@@ -37,8 +37,10 @@ class ScanSource {
   /// Reads scan `index` in [0, size()). Its `sequence` is `index`; its `utime` is the START of the sweep,
   /// whatever instant the data set stamps. `time` is empty and `duration_us` 0 where the data has no time in
   /// the sweep. Thread-safe: several threads may read different scans at once.
+  /// @param used_up a scan that nobody needs any more: its memory may be used again
   /// @throws Error if the file cannot be read, is truncated or lies about its size
-  virtual Scan read(std::size_t index) const = 0;
+  virtual Scan read(std::size_t index, Scan used_up) const = 0;
+  Scan read(std::size_t index) const { return read(index, {}); }
   /// End of the sweep of scan `index` [us] as far as it is known without reading the scan; for real-time
   /// pacing.
   virtual std::optional<std::int64_t> utime_end(std::size_t index) const {

@@ -48,11 +48,10 @@ std::size_t take_count(const std::uint8_t*& from) {
   return count;
 }
 
-std::vector<float> take_floats(std::size_t n, const std::uint8_t*& from) {
-  std::vector<float> values(n);
+void take_floats(std::size_t n, const std::uint8_t*& from, std::vector<float>& values) {
+  values.resize(n);
   copy_swapped(from, n, values.data());
   from += kWord * n;
-  return values;
 }
 
 }  // namespace
@@ -79,7 +78,7 @@ ByteVector encode_scan(const Scan& scan) {
   return bytes;
 }
 
-std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size) {
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up) {
   if (!has_layout<scan_t>(data, size)) return std::nullopt;
   LayoutWalker walker(data + kFingerprint, size - kFingerprint);
   walk_before_points(walker);
@@ -95,16 +94,16 @@ std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size) {
   }
   const std::size_t n = take_count(from);
   if (n > kMaxScanPoints) return std::nullopt;
-  Scan scan;
+  Scan scan = std::move(used_up);
   scan.utime = m.utime;
   scan.duration_us = m.duration;
   scan.sensor = std::move(m.sensor);
   scan.sequence = m.sequence;
-  for (auto* axis : {&scan.x, &scan.y, &scan.z}) *axis = take_floats(n, from);
+  for (auto* axis : {&scan.x, &scan.y, &scan.z}) take_floats(n, from, *axis);
   for (auto* extra : {&scan.intensity, &scan.time}) {
     const std::size_t n_extra = take_count(from);
     if (n_extra != 0 && n_extra != n) return std::nullopt;
-    *extra = take_floats(n_extra, from);
+    take_floats(n_extra, from, *extra);
   }
   return scan;
 }

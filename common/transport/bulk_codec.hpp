@@ -14,9 +14,10 @@ inline constexpr std::size_t kMaxScanPoints = 4'000'000;
 
 /// A scan as scan_t for session 0 ("whichever the receiver runs").
 ByteVector encode_scan(const Scan& scan);
+/// @param used_up a scan that nobody needs any more: its memory is used again
 /// @return nothing for bytes that are no scan_t, whose arrays do not fit together, whose times are out of
 /// this world
-std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size);
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up = {});
 
 /// What comes before the bytes of an encoded chunk_t; `chunk.data` does not matter, `chunk.size` does.
 ByteVector encode_chunk_head(const chunk_t& chunk);

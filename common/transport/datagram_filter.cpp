@@ -25,13 +25,19 @@ std::vector<sock_filter> skip_channel(const std::string& name) {
   std::vector<sock_filter> p;
   if (name.empty()) return p;
   const auto size = static_cast<std::uint32_t>(name.size() + 1);  // with its zero
-  const std::uint32_t end = 2 * size + 3;
+  const std::uint32_t end = 2 * (size / 4 + size % 4) + 3;        // by words, and what is left by bytes
   const auto out = [&p, end] { return static_cast<std::uint8_t>(end - p.size() - 1); };
   p.push_back({BPF_LD | BPF_W | BPF_LEN, 0, 0, 0});
   p.push_back({BPF_JMP | BPF_JGE | BPF_K, 0, out(), kShortChannel + size});
-  for (std::uint32_t i = 0; i < size; ++i) {
-    p.push_back({BPF_LD | BPF_B | BPF_ABS, 0, 0, kShortChannel + i});
-    p.push_back({BPF_JMP | BPF_JEQ | BPF_K, 0, out(), static_cast<std::uint8_t>(name.c_str()[i])});
+  for (std::uint32_t i = 0; i < size;) {
+    const std::uint32_t bytes = size - i >= 4 ? 4 : 1;
+    std::uint32_t value = 0;
+    for (std::uint32_t k = 0; k < bytes; ++k)
+      value = value << 8U | static_cast<std::uint8_t>(name.c_str()[i + k]);
+    const std::uint16_t width = bytes == 4 ? BPF_W : BPF_B;
+    p.push_back({static_cast<std::uint16_t>(BPF_LD | width | BPF_ABS), 0, 0, kShortChannel + i});
+    p.push_back({BPF_JMP | BPF_JEQ | BPF_K, 0, out(), value});
+    i += bytes;
   }
   p.push_back({BPF_RET | BPF_K, 0, 0, 0});
   return p;

@@ -57,6 +57,24 @@ TEST(FolderDrive, GenericWithoutTimesInSweep) {
   }
 }
 
+// Nothing of an older scan shows in one that is read into its memory, be it longer or shorter, with or without times.
+TEST(FolderDrive, MemoryOfAnOlderScanIsUsedAgain) {
+  const TemporaryFolder with, without;
+  write_generic(with, 4, true);
+  write_generic(without, 4, false);
+  const auto timed = open_source(with.path()), untimed = open_source(without.path());
+  Scan scan;
+  for (const std::size_t i : {3U, 0U, 2U}) {
+    scan = timed->read(i, std::move(scan));
+    test::expect_same_points(scan, make_points(5 + i, static_cast<int>(i)));
+    EXPECT_EQ(scan.time, timed->read(i).time);
+    EXPECT_EQ(scan.time.size(), scan.size());
+    scan = untimed->read(i + 1, std::move(scan));
+    test::expect_same_points(scan, make_points(6 + i, static_cast<int>(i + 1)));
+    EXPECT_TRUE(scan.time.empty());
+  }
+}
+
 TEST(FolderDrive, TimesInSweepMakeStartsAndGroundTruthAtTheEnd) {
   const TemporaryFolder folder;
   write_generic(folder, 4, true);

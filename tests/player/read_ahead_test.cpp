@@ -21,7 +21,8 @@ class CountingSource : public ScanSource {
   const SourceInfo& info() const override { return info_; }
   std::size_t size() const override { return 50; }
   const std::vector<StampedPose>& ground_truth() const override { return poses_; }
-  Scan read(std::size_t index) const override {
+  using ScanSource::read;
+  Scan read(std::size_t index, Scan /*used_up*/) const override {
     if (index >= size()) throw Error("no such scan", std::to_string(index), "Ask for less.");
     const std::lock_guard<std::mutex> lock(mutex_);
     reads_.insert(index);
