@@ -1,6 +1,7 @@
 #include "backend/checked_submap.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "frontend/registration.hpp"
 #include "frontend/submap_builder.hpp"
@@ -19,28 +20,39 @@ std::vector<Eigen::Vector3f> every_nth(const std::vector<Eigen::Vector3f>& point
   return out;
 }
 
+FrontendConfig fine_config() {
+  FrontendConfig fine;
+  fine.mode = "robust";
+  return fine;
+}
+
+FrontendConfig coarse_config() {
+  FrontendConfig coarse = fine_config();
+  coarse.voxel_size_m = kCoarseVoxel;
+  coarse.max_points_per_voxel = 8;
+  coarse.min_spacing_m = 0.6;
+  return coarse;
+}
+
 // Another front-end may send no normals. Stored ones are of unit length to 1/127 only.
-std::vector<Eigen::Vector3f> normals_of(const Submap& submap) {
-  if (submap.normals.size() == submap.points.size()) {
-    auto normals = submap.normals;
-    for (auto& normal : normals) {
-      if (normal.squaredNorm() > 0.0F) normal.normalize();
-    }
-    return normals;
+const std::vector<Eigen::Vector3f>& normals_of(Submap& submap) {
+  if (submap.normals.size() != submap.points.size()) {
+    estimate_normals(submap);
+    return submap.normals;
   }
-  Submap copy;
-  copy.points = submap.points;
-  estimate_normals(copy);
-  return copy.normals;
+  for (auto& normal : submap.normals) {
+    if (normal.squaredNorm() > 0.0F) normal.normalize();
+  }
+  return submap.normals;
 }
 
 }  // namespace
 
-CheckedSubmap::CheckedSubmap(const Submap& submap, const GroundAlignment& ground_alignment)
+CheckedSubmap::CheckedSubmap(Submap submap, const GroundAlignment& ground_alignment)
     : id(submap.id),
       ground(ground_alignment),
-      points(submap.points),
       cloud(submap.points, normals_of(submap), ground_alignment.ground_from_submap) {
+  points = std::move(submap.points);
   // After a loss of tracking the sensor never was at the keypose.
   const bool lost = !submap.scans.empty() && submap.scans.front().state == TrackingState::kLost;
   path.emplace_back(lost ? submap.scans.front().submap_from_sensor.translation : Eigen::Vector3d::Zero());
@@ -54,22 +66,28 @@ int stride_for(const CheckedSubmap& submap, std::size_t sample) {
   return static_cast<int>(1 + submap.cloud.voxels().size() / sample);
 }
 
+LocalMap& CheckedSubmap::coarse_map() const {
+  if (!coarse_map_) coarse_map_ = registration_target(points, coarse_config());
+  return *coarse_map_;
+}
+
+LocalMap& CheckedSubmap::fine_map() const {
+  if (!fine_map_) fine_map_ = registration_target(points, fine_config());
+  return *fine_map_;
+}
+
 Pose register_coarse(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess) {
-  FrontendConfig coarse;
-  coarse.mode = "robust";
-  coarse.voxel_size_m = kCoarseVoxel;
-  coarse.max_points_per_voxel = 8;
-  coarse.min_spacing_m = 0.6;
-  return register_clouds(from.points, every_nth(to.points, kCoarseSource), guess, coarse, kCoarseSigma,
-                         kCoarseSigma)
+  return register_cloud(from.coarse_map(), every_nth(to.points, kCoarseSource), guess, coarse_config(),
+                        kCoarseSigma, kCoarseSigma)
       .target_from_source;
 }
 
 Pose register_fine(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess) {
-  FrontendConfig fine;
-  fine.mode = "robust";
-  return register_clouds(from.points, every_nth(to.points, kFineSource), guess, fine, kFineSigma,
-                         kFineDistance)
+  return register_fine(from, every_nth(to.points, kFineSource), guess);
+}
+
+Pose register_fine(const CheckedSubmap& from, const std::vector<Eigen::Vector3f>& points, const Pose& guess) {
+  return register_cloud(from.fine_map(), points, guess, fine_config(), kFineSigma, kFineDistance)
       .target_from_source;
 }
 

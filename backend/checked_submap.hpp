@@ -2,11 +2,13 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "backend/ground_alignment.hpp"
 #include "backend/overlap.hpp"
 #include "common/submap.hpp"
+#include "frontend/local_map.hpp"
 
 namespace hp2 {
 
@@ -19,13 +21,21 @@ struct PoseBound {
 
 /// A submap made ready for checking.
 struct CheckedSubmap {
-  CheckedSubmap(const Submap& submap, const GroundAlignment& ground_alignment);
+  CheckedSubmap(Submap submap, const GroundAlignment& ground_alignment);
 
   std::int64_t id = 0;
   GroundAlignment ground;
   std::vector<Eigen::Vector3d> path;    ///< Sensor positions [m], submap frame, the keypose first.
   std::vector<Eigen::Vector3f> points;  ///< [m], submap frame.
   VoxelCloud cloud;
+
+  /// What others are registered to, by 2 m voxels or finely: made when it is first asked for. Not for two
+  /// threads at once, and no more is register_fine() with the same submap.
+  LocalMap& coarse_map() const;
+  LocalMap& fine_map() const;
+
+ private:
+  mutable std::optional<LocalMap> coarse_map_, fine_map_;
 };
 
 /// Voxels of a submap's cloud to go on by so that about `sample` of them are looked at; at least 1.
@@ -35,5 +45,7 @@ int stride_for(const CheckedSubmap& submap, std::size_t sample);
 Pose register_coarse(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess);
 /// The same from a guess that is good to about a metre, to centimetres.
 Pose register_fine(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess);
+/// The same for some of a submap's points.
+Pose register_fine(const CheckedSubmap& from, const std::vector<Eigen::Vector3f>& points, const Pose& guess);
 
 }  // namespace hp2

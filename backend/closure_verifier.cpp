@@ -176,9 +176,8 @@ ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to,
   // A pose is right for a submap as a whole only if the submap is not bent: neither of the two may be.
   const Pose middle({1, 0, 0, 0}, to.path[to.path.size() / 2]);
   const Pose from_middle({1, 0, 0, 0}, from.path[from.path.size() / 2]);
-  const SubmapBend newer = submap_bend(from.points, from.cloud, to.points, c.from_from_to, middle);
-  const SubmapBend older =
-      submap_bend(to.points, to.cloud, from.points, newer.from_from_to.inverse(), from_middle);
+  const SubmapBend newer = submap_bend(from, to, c.from_from_to, middle);
+  const SubmapBend older = submap_bend(to, from, newer.from_from_to.inverse(), from_middle);
   const auto bend_m = [](const SubmapBend& s) { return s.bend.translation.norm(); };
   const auto bend_rad = [](const SubmapBend& s) { return rotation_angle(s.bend.rotation); };
   for (const SubmapBend* s : {&newer, &older}) {

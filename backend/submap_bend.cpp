@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <cstddef>
 
-#include "frontend/registration.hpp"
-
 namespace hp2 {
 namespace {
 
-constexpr double kSigma = 0.4, kDistance = 0.6;  // [m], as the whole is registered
-constexpr std::size_t kSource = 2000;            // points of a half
-constexpr float kSharp = 0.2F;                   // [m]: what counts as the same surface
+constexpr std::size_t kSource = 2000;  // points of a half
+constexpr float kSharp = 0.2F;         // [m]: what counts as the same surface
 constexpr double kInView =
     0.1;  // share of a half's points: where fewer lie on what the other one saw, it is out of view
 constexpr double kBetter = 1.1;  // a half's own pose must explain so many times what the whole's does
@@ -29,20 +26,20 @@ double agreement(const VoxelCloud& from, const std::vector<Eigen::Vector3f>& poi
 
 }  // namespace
 
-SubmapBend submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
-                       const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
+SubmapBend submap_bend(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to,
                        const Pose& to_from_middle) {
-  FrontendConfig config;
-  config.mode = "robust";
   Pose pose[2];
   double seen = 0.0;
-  const std::size_t half = to.size() / 2, stride = std::max<std::size_t>(1, (half + kSource - 1) / kSource);
+  const std::size_t half = to.points.size() / 2,
+                    stride = std::max<std::size_t>(1, (half + kSource - 1) / kSource);
   for (std::size_t k = 0; k < 2; ++k) {
     std::vector<Eigen::Vector3f> points;
-    for (std::size_t i = k * half; i < (k == 0 ? half : to.size()); i += stride) points.push_back(to[i]);
-    pose[k] = register_clouds(from, points, from_from_to, config, kSigma, kDistance).target_from_source;
-    const double whole = agreement(from_cloud, points, from_from_to);
-    const double own = pose[k].is_finite() ? agreement(from_cloud, points, pose[k]) : 0.0;
+    for (std::size_t i = k * half; i < (k == 0 ? half : to.points.size()); i += stride) {
+      points.push_back(to.points[i]);
+    }
+    pose[k] = register_fine(from, points, from_from_to);
+    const double whole = agreement(from.cloud, points, from_from_to);
+    const double own = pose[k].is_finite() ? agreement(from.cloud, points, pose[k]) : 0.0;
     seen = std::max({seen, whole, own});
     if (own < kInView || own < kBetter * whole) pose[k] = from_from_to;
   }

@@ -1,17 +1,12 @@
 // Odometry that erred inside a submap has bent it: no single pose lays all of it on what another submap saw.
 #pragma once
-#include <vector>
-
-#include <Eigen/Core>
-
-#include "backend/overlap.hpp"
-#include "common/geometry/pose.hpp"
+#include "backend/checked_submap.hpp"
 
 namespace hp2 {
 
 /// Registers the two halves of a submap, each by itself, to another submap.
-/// @param from,from_cloud   points of the other submap [m], as they are and in voxels
-/// @param to                points of the submap [m], in order of the scans that saw them
+/// @param from              the other submap
+/// @param to                the submap; its points are in order of the scans that saw them
 /// @param from_from_to      where the whole of it was registered
 /// @param to_from_middle    where the bend is to be told: the middle of the submap's path
 struct SubmapBend {
@@ -21,8 +16,7 @@ struct SubmapBend {
   double seen =
       0.0;  ///< Share of the points of the half that agrees better that the other submap has there too.
 };
-SubmapBend submap_bend(const std::vector<Eigen::Vector3f>& from, const VoxelCloud& from_cloud,
-                       const std::vector<Eigen::Vector3f>& to, const Pose& from_from_to,
+SubmapBend submap_bend(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to,
                        const Pose& to_from_middle);
 
 }  // namespace hp2

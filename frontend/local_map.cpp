@@ -226,7 +226,9 @@ void LocalMap::insert_candidates() {
       touched_.push_back(v);
     }
   }
-  for (const std::int32_t v : touched_) mark_neighbours_stale(v);
+  if (!all_stale_) {
+    for (const std::int32_t v : touched_) mark_neighbours_stale(v);
+  }
   candidate_parts_ = 0;
 }
 

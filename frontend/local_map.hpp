@@ -142,6 +142,7 @@ class LocalMap {
     planarities_[static_cast<std::size_t>(i)] = planarity;
     const Voxel& voxel = voxels_[static_cast<std::size_t>(i)];
     blocks_[static_cast<std::size_t>(voxel.block)].stale &= ~(std::uint64_t{1} << voxel.cell);
+    all_stale_ = false;
   }
   /// Sum of the moments of the 27 voxels around voxel i, about voxel i's corner.
   Moments neighbourhood_moments(std::int32_t i) const;
@@ -235,6 +236,7 @@ class LocalMap {
   double min_spacing_;
   float min_spacing2_, half_;  // half_: of a voxel's edge [m]
   std::size_t point_count_ = 0;
+  bool all_stale_ = true;  // as every voxel is that set_planarity() was not called for
   tsl::robin_map<std::uint64_t, std::int32_t, VoxelKeyHash> block_index_;
   std::vector<Block> blocks_;
   std::vector<std::int32_t> free_blocks_;

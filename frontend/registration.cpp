@@ -8,13 +8,31 @@
 
 namespace hp2 {
 
+LocalMap registration_target(const std::vector<Eigen::Vector3f>& points, const FrontendConfig& config) {
+  // In parts: points that find their voxel full are passed over, and what is noted of the others stays small.
+  constexpr std::size_t kPart = 2048;
+  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  std::vector<Eigen::Vector3f> part;
+  for (std::size_t begin = 0; begin < points.size(); begin += kPart) {
+    const auto first = points.begin() + static_cast<std::ptrdiff_t>(begin);
+    part.assign(first, first + static_cast<std::ptrdiff_t>(std::min(kPart, points.size() - begin)));
+    map.insert(part, Pose());
+  }
+  return map;
+}
+
 RegistrationResult register_clouds(const std::vector<Eigen::Vector3f>& target,
                                    const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                                    const FrontendConfig& config, double sigma_m, double max_distance_m,
                                    int threads) {
+  LocalMap map = registration_target(target, config);
+  return register_cloud(map, source, guess, config, sigma_m, max_distance_m, threads);
+}
+
+RegistrationResult register_cloud(LocalMap& map, const std::vector<Eigen::Vector3f>& source,
+                                  const Pose& guess, const FrontendConfig& config, double sigma_m,
+                                  double max_distance_m, int threads) {
   const Parallel parallel(threads);
-  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
-  map.insert(target, Pose());
   // A closure is registered once, not ten times a second: to the end.
   IcpConfig thorough = icp_config(config);
   thorough.convergence_m = std::min(thorough.convergence_m, 1e-3);

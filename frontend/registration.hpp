@@ -7,6 +7,7 @@
 
 #include "common/geometry/pose.hpp"
 #include "frontend/frontend_config.hpp"
+#include "frontend/local_map.hpp"
 
 namespace hp2 {
 
@@ -33,5 +34,12 @@ RegistrationResult register_clouds(const std::vector<Eigen::Vector3f>& target,
                                    const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                                    const FrontendConfig& config, double sigma_m, double max_distance_m,
                                    int threads = 1);
+/// The same to a map of the target, which costs more to make than a registration: for many sources one
+/// target. Its planarity cache is brought up to date where it is needed.
+RegistrationResult register_cloud(LocalMap& target, const std::vector<Eigen::Vector3f>& source,
+                                  const Pose& guess, const FrontendConfig& config, double sigma_m,
+                                  double max_distance_m, int threads = 1);
+/// That map.
+LocalMap registration_target(const std::vector<Eigen::Vector3f>& points, const FrontendConfig& config);
 
 }  // namespace hp2

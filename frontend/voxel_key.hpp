@@ -7,6 +7,12 @@
 
 namespace hp2 {
 
+/// The whole number below `x`, which an int must hold. std::floor() is a call on processors without SSE 4.1.
+inline int floor_to_int(float x) {
+  const auto truncated = static_cast<int>(x);
+  return truncated - (x < static_cast<float>(truncated) ? 1 : 0);
+}
+
 /// Packs three coordinates in [-2^20, 2^20) into one number; farther ones wrap around.
 inline std::uint64_t voxel_key(const Eigen::Vector3i& v) {
   constexpr std::uint64_t mask = (std::uint64_t{1} << 21) - 1;

@@ -48,6 +48,20 @@ TEST_P(RegistrationModes, RecoverKnownTransforms) {
   }
 }
 
+TEST_P(RegistrationModes, OneTargetForManySources) {
+  FrontendConfig config;
+  config.mode = GetParam();
+  const Cloud target = test::room(3);
+  LocalMap map = registration_target(target, config);
+  for (unsigned k = 0; k < 3; ++k) {
+    const Cloud source = test::seen_from(test::room(5 + k, 2000), Dice(4 + k).pose(1.0, 0.2));
+    const auto own = register_clouds(target, source, Pose(), config, 1.5, 0.6);
+    const auto shared = register_cloud(map, source, Pose(), config, 1.5, 0.6);
+    EXPECT_TRUE(test::same_bits(own.target_from_source, shared.target_from_source));
+    EXPECT_EQ(own.information, shared.information);
+  }
+}
+
 TEST_P(RegistrationModes, DoNotDependOnThreads) {
   FrontendConfig config;
   config.mode = GetParam();
