@@ -1,53 +1,94 @@
 #include "backend/overlap.hpp"
 
-#include <cmath>
-
 namespace hp2 {
 namespace {
 
-constexpr float kVoxel = 0.5F;            // [m]
-constexpr float kColumn = 2.0F;           // [m]
+constexpr float kVoxel = 0.5F;  // [m]
+constexpr int kBits = 2;        // of a voxel's number in a block, an axis: a block's edge is a column's
+constexpr int kInBlock = (1 << kBits) - 1;
 constexpr double kStructureHeight = 0.4;  // [m] above the ground
-constexpr int kOffset = 1 << 20;
+
+Eigen::Vector3i floor_of(const Eigen::Vector3f& p) {
+  return {floor_to_int(p.x()), floor_to_int(p.y()), floor_to_int(p.z())};
+}
+
+Eigen::Vector3i voxel_of(const Eigen::Vector3f& p) { return floor_of(p / kVoxel); }
+
+Eigen::Vector3i block_of(const Eigen::Vector3i& voxel) {
+  return {voxel.x() >> kBits, voxel.y() >> kBits, voxel.z() >> kBits};
+}
+
+std::size_t cell_of(const Eigen::Vector3i& voxel) {
+  return static_cast<std::size_t>(((voxel.z() & kInBlock) << kBits | (voxel.y() & kInBlock)) << kBits |
+                                  (voxel.x() & kInBlock));
+}
+
+std::uint64_t column_key(const Eigen::Vector3i& block) { return voxel_key({block.x(), block.y(), 0}); }
 
 }  // namespace
 
-std::uint64_t VoxelCloud::voxel_key(const Eigen::Vector3i& v) {
-  return (static_cast<std::uint64_t>(v.x() + kOffset) << 42) |
-         (static_cast<std::uint64_t>(v.y() + kOffset) << 21) | static_cast<std::uint64_t>(v.z() + kOffset);
+std::int32_t VoxelCloud::find_block(const Eigen::Vector3i& block) const {
+  const auto it = index_.find(voxel_key(block));
+  return it == index_.end() ? -1 : it->second;
 }
 
-std::uint64_t VoxelCloud::column_key(const Eigen::Vector3f& p) {
-  const auto x = static_cast<int>(std::floor(p.x() / kColumn)),
-             y = static_cast<int>(std::floor(p.y() / kColumn));
-  return (static_cast<std::uint64_t>(x + kOffset) << 21) | static_cast<std::uint64_t>(y + kOffset);
+bool VoxelCloud::seen(const Eigen::Vector3f& p) const {
+  return columns_.count(column_key(block_of(voxel_of(p)))) > 0;
 }
 
 VoxelCloud::VoxelCloud(const std::vector<Eigen::Vector3f>& points,
                        const std::vector<Eigen::Vector3f>& normals, const Pose& ground_from_points) {
   voxels_.reserve(points.size());
-  index_.reserve(points.size());
   const Eigen::RowVector3d up = ground_from_points.rotation.toRotationMatrix().row(2);
   const double height = ground_from_points.translation.z();
+  Eigen::Vector3i last = Eigen::Vector3i::Zero();  // neighbours in the cloud mostly fall into one block
+  std::int32_t b = -1;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector3f& p = points[i];
     if (!(p.cwiseAbs().maxCoeff() < 1e5F) || !p.allFinite()) continue;
-    const Eigen::Vector3i v = (p / kVoxel).array().floor().cast<int>();
-    if (!index_.try_emplace(voxel_key(v), static_cast<std::int32_t>(voxels_.size())).second) continue;
-    columns_.insert(column_key(p));
+    const Eigen::Vector3i voxel = voxel_of(p), block = block_of(voxel);
+    if (b < 0 || block != last) {
+      const auto [it, is_new] =
+          index_.try_emplace(voxel_key(block), static_cast<std::int32_t>(blocks_.size()));
+      b = it->second;
+      last = block;
+      if (is_new) {
+        blocks_.emplace_back().fill(-1);
+        columns_.insert(column_key(block));
+      }
+    }
+    std::int32_t& cell = blocks_[static_cast<std::size_t>(b)][cell_of(voxel)];
+    if (cell >= 0) continue;
+    cell = static_cast<std::int32_t>(voxels_.size());
     const bool structure = up.dot(p.cast<double>()) + height > kStructureHeight;
     voxels_.push_back({p, i < normals.size() ? normals[i] : Eigen::Vector3f(0.0F, 0.0F, 0.0F), structure});
   }
 }
 
 const VoxelCloud::Voxel* VoxelCloud::nearest(const Eigen::Vector3f& p, float max_distance_m) const {
-  const Eigen::Vector3i corner = (p / kVoxel).array().round().cast<int>() - 1;
+  // The corner where the eight voxels meet, and how far it is: a voxel on its other side is no nearer.
+  const Eigen::Vector3i middle = floor_of(p / kVoxel + Eigen::Vector3f::Constant(0.5F));
+  const Eigen::Vector3f off = p - kVoxel * middle.cast<float>(), off2 = off.cwiseAbs2();
+  const int own = (off.x() >= 0.0F ? 1 : 0) | (off.y() >= 0.0F ? 2 : 0) | (off.z() >= 0.0F ? 4 : 0);
+  const Eigen::Vector3i corner = middle - Eigen::Vector3i::Ones(), low = block_of(corner);
+  constexpr std::int32_t kUnknown = -2;
+  std::int32_t blocks[8] = {kUnknown, kUnknown, kUnknown, kUnknown, kUnknown, kUnknown, kUnknown, kUnknown};
   const Voxel* best = nullptr;
   float best2 = max_distance_m * max_distance_m;
   for (int k = 0; k < 8; ++k) {
-    const auto it = index_.find(voxel_key(corner + Eigen::Vector3i(k & 1, (k >> 1) & 1, k >> 2)));
-    if (it == index_.end()) continue;
-    const Voxel& v = voxels_[static_cast<std::size_t>(it->second)];
+    // The point's own voxel first; bits of k: the axes on which another one lies on the corner's other side.
+    const float bound = ((k & 1) != 0 ? off2.x() : 0.0F) + ((k & 2) != 0 ? off2.y() : 0.0F) +
+                        ((k & 4) != 0 ? off2.z() : 0.0F);
+    if (bound > best2) continue;
+    const int side = own ^ k;
+    const Eigen::Vector3i voxel = corner + Eigen::Vector3i(side & 1, (side >> 1) & 1, side >> 2);
+    const Eigen::Vector3i step = block_of(voxel) - low;
+    std::int32_t& b = blocks[step.x() | step.y() << 1 | step.z() << 2];
+    if (b == kUnknown) b = find_block(low + step);
+    if (b < 0) continue;
+    const std::int32_t cell = blocks_[static_cast<std::size_t>(b)][cell_of(voxel)];
+    if (cell < 0) continue;
+    const Voxel& v = voxels_[static_cast<std::size_t>(cell)];
     const float d2 = (v.point - p).squaredNorm();
     if (d2 <= best2) {
       best2 = d2;

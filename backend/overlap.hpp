@@ -1,5 +1,6 @@
 // How much of two clouds is the same surface, where both could have seen it.
 #pragma once
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -8,6 +9,7 @@
 #include <tsl/robin_set.h>
 
 #include "common/geometry/pose.hpp"
+#include "frontend/voxel_key.hpp"
 
 namespace hp2 {
 
@@ -27,25 +29,20 @@ class VoxelCloud {
   const std::vector<Voxel>& voxels() const { return voxels_; }
   std::size_t column_count() const { return columns_.size(); }
   /// True if anything was seen in the column over `p`.
-  bool seen(const Eigen::Vector3f& p) const { return columns_.count(column_key(p)) > 0; }
+  bool seen(const Eigen::Vector3f& p) const;
   /// Nearest voxel point among the 8 voxels around `p`; null beyond `max_distance_m` (at most 0.5 m is
   /// sensible).
   const Voxel* nearest(const Eigen::Vector3f& p, float max_distance_m) const;
 
  private:
-  /// The maps take the low bits of a hash as it stands: coordinates packed side by side would nearly all
-  /// collide.
-  struct Mix {
-    std::size_t operator()(std::uint64_t k) const {
-      k *= 0x9E3779B97F4A7C15ULL;
-      return k ^ (k >> 32);
-    }
-  };
-  static std::uint64_t voxel_key(const Eigen::Vector3i& v);
-  static std::uint64_t column_key(const Eigen::Vector3f& p);
+  /// 4 x 4 x 4 voxels: their numbers, -1 for an empty one. A query's eight voxels mostly lie in one or two.
+  using Block = std::array<std::int32_t, 64>;
+
+  std::int32_t find_block(const Eigen::Vector3i& block) const;  // -1: none
   std::vector<Voxel> voxels_;
-  tsl::robin_map<std::uint64_t, std::int32_t, Mix> index_;
-  tsl::robin_set<std::uint64_t, Mix> columns_;
+  std::vector<Block> blocks_;
+  tsl::robin_map<std::uint64_t, std::int32_t, VoxelKeyHash> index_;
+  tsl::robin_set<std::uint64_t, VoxelKeyHash> columns_;
 };
 
 /// Agreement of a cloud with another.
