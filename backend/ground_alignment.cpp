@@ -4,14 +4,18 @@
 #include <cmath>
 #include <cstdint>
 #include <random>
-#include <unordered_map>
+#include <utility>
 
 #include <Eigen/Eigenvalues>
+#include <tsl/robin_map.h>
+
+#include "frontend/simd.hpp"
+#include "frontend/voxel_key.hpp"
 
 namespace hp2 {
 namespace {
 
-constexpr double kThinningVoxel = 1.0;   // [m]
+constexpr float kThinningVoxel = 1.0F;   // [m]
 constexpr double kWeightRange = 15.0;    // [m] from the path at which a point counts half
 constexpr double kMaxRange = 60.0;       // [m] from the path
 constexpr double kInlier = 0.2;          // [m]
@@ -38,6 +42,37 @@ struct Structure {
   double total = 0.0;
 };
 
+// The same for the trials: the weightiest points first, coordinate by coordinate. Few points show that a
+// plane is worse than the best one so far.
+struct Jury {
+  std::vector<float> x, y, z, weight;
+  std::vector<float> left;  // weight of all points from this part on
+};
+constexpr std::size_t kPart = 256;  // points
+
+Jury jury_of(const Structure& s) {
+  std::vector<std::pair<float, std::uint32_t>> order;
+  for (std::size_t i = 0; i < s.points.size(); ++i) {
+    order.emplace_back(-static_cast<float>(s.weights[i]), static_cast<std::uint32_t>(i));
+  }
+  std::sort(order.begin(), order.end());
+  Jury jury;
+  const std::size_t parts = (order.size() + kPart - 1) / kPart;
+  // What fills up the last part weighs nothing.
+  for (auto* v : {&jury.x, &jury.y, &jury.z, &jury.weight}) v->assign(parts * kPart, 0.0F);
+  jury.left.assign(parts + 1, 0.0F);
+  for (std::size_t i = order.size(); i-- > 0;) {
+    const Eigen::Vector3f p = s.points[order[i].second].cast<float>();
+    jury.x[i] = p.x();
+    jury.y[i] = p.y();
+    jury.z[i] = p.z();
+    jury.weight[i] = -order[i].first;
+    jury.left[i / kPart] += jury.weight[i];
+    if (i % kPart == 0 && i > 0) jury.left[i / kPart - 1] = jury.left[i / kPart];
+  }
+  return jury;
+}
+
 // One point (the mean) a metre voxel, weighted by how near the path it is: the wall of a house high up counts
 // little against the road under the wheels.
 Structure structure_near_path(const std::vector<Eigen::Vector3f>& points,
@@ -46,18 +81,23 @@ Structure structure_near_path(const std::vector<Eigen::Vector3f>& points,
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     int n = 0;
   };
-  std::unordered_map<std::int64_t, std::size_t> index;
+  tsl::robin_map<std::uint64_t, std::size_t, VoxelKeyHash> index;
+  Eigen::Vector3i last = Eigen::Vector3i::Zero();
+  std::size_t mean = 0;
   std::vector<Mean> means;  // in the order of their first point: the result must not depend on the hash map
   for (const auto& pf : points) {
     if (!pf.allFinite() || pf.cwiseAbs().maxCoeff() > 1e5F) continue;
-    const Eigen::Vector3d p = pf.cast<double>();
-    const Eigen::Matrix<std::int64_t, 3, 1> v =
-        (p / kThinningVoxel).array().floor().cast<std::int64_t>() + (1 << 20);
-    const std::int64_t key = (v.x() << 42) | (v.y() << 21) | v.z();
-    const auto [it, is_new] = index.try_emplace(key, means.size());
-    if (is_new) means.emplace_back();
-    means[it->second].sum += p;
-    ++means[it->second].n;
+    const Eigen::Vector3f v = pf / kThinningVoxel;
+    const Eigen::Vector3i voxel(floor_to_int(v.x()), floor_to_int(v.y()), floor_to_int(v.z()));
+    // Neighbours in the cloud are mostly in one voxel.
+    if (means.empty() || voxel != last) {
+      const auto [it, is_new] = index.try_emplace(voxel_key(voxel), means.size());
+      if (is_new) means.emplace_back();
+      mean = it->second;
+      last = voxel;
+    }
+    means[mean].sum += pf.cast<double>();
+    ++means[mean].n;
   }
   // The path thinned to a point every 5 m is near enough for a weight that halves in 15 m.
   std::vector<Eigen::Vector3d> thin;
@@ -86,15 +126,25 @@ bool below_path(const Plane& plane, const std::vector<Eigen::Vector3d>& path) {
   return above * 10 >= path.size() * 9;
 }
 
-double score(const Plane& plane, const Structure& s) {
+// What speaks for the plane; less than that, but no more than `enough`, where it cannot be more than
+// `enough`.
+double score(const Plane& plane, const Jury& jury, double enough) {
+  const Eigen::Vector3f n = plane.normal.cast<float>();
+  const auto offset = static_cast<float>(plane.offset);
+  constexpr auto kNear2 = static_cast<float>(kInlier * kInlier), kBelow = static_cast<float>(-2.0 * kInlier),
+                 kPenalty = static_cast<float>(kPenaltyBelow);
+  const Float4 nothing = {0.0F, 0.0F, 0.0F, 0.0F};
   double sum = 0.0;
-  for (std::size_t i = 0; i < s.points.size(); ++i) {
-    const double h = plane.height(s.points[i]);
-    if (std::abs(h) < kInlier) {
-      sum += s.weights[i];
-    } else if (h < -2.0 * kInlier) {
-      sum -= kPenaltyBelow * s.weights[i];
+  for (std::size_t part = 0; part + 1 < jury.left.size(); ++part) {
+    if (sum + static_cast<double>(jury.left[part]) <= enough) return sum;
+    Float4 votes = nothing;
+    for (std::size_t i = part * kPart; i < (part + 1) * kPart; i += 4) {
+      const Float4 h =
+          n.x() * load4(&jury.x[i]) + n.y() * load4(&jury.y[i]) + n.z() * load4(&jury.z[i]) + offset;
+      const Float4 weight = load4(&jury.weight[i]);
+      votes += h * h < kNear2 ? weight : (h < kBelow ? -kPenalty * weight : nothing);
     }
+    sum += static_cast<double>(sum4(votes));
   }
   return sum;
 }
@@ -137,6 +187,7 @@ GroundAlignment align_ground(const std::vector<Eigen::Vector3f>& points,
   if (n < kMinInliers) return result;
 
   const double min_cos = std::cos(kMaxTilt);
+  const Jury jury = jury_of(s);
   std::mt19937 rng(1);
   Plane best;
   double best_score = 0.0;
@@ -151,7 +202,7 @@ GroundAlignment align_ground(const std::vector<Eigen::Vector3f>& points,
     if (normal.z() < min_cos) continue;
     const Plane plane{normal, -normal.dot(a)};
     if (!below_path(plane, path)) continue;
-    const double value = score(plane, s);
+    const double value = score(plane, jury, best_score);
     if (value > best_score) {
       best_score = value;
       best = plane;
