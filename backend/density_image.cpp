@@ -5,6 +5,8 @@
 
 #include <climits>
 
+#include "frontend/voxel_key.hpp"
+
 namespace hp2 {
 namespace {
 
@@ -25,7 +27,8 @@ DensityImage make_density_image(const std::vector<Eigen::Vector3f>& points, cons
   for (const auto& p : points) {
     const Eigen::Vector2f q = r * p + t;
     if (!(q.cwiseAbs().maxCoeff() < kMaxExtent) || !p.allFinite()) continue;
-    const Eigen::Vector2i cell = (q / static_cast<float>(cell_m)).array().floor().cast<int>();
+    const Eigen::Vector2f c = q / static_cast<float>(cell_m);
+    const Eigen::Vector2i cell(floor_to_int(c.x()), floor_to_int(c.y()));
     cells.push_back(cell);
     low = low.cwiseMin(cell);
     high = high.cwiseMax(cell);
@@ -48,6 +51,7 @@ DensityImage make_density_image(const std::vector<Eigen::Vector3f>& points, cons
   const double densest = occupied[static_cast<std::size_t>(rank)];
   image.pixels.resize(counts.size());
   for (std::size_t i = 0; i < counts.size(); ++i) {
+    if (counts[i] == 0) continue;  // nearly all of them
     const double share = std::min(counts[i] / densest, 1.0);
     image.pixels[i] = share < cut ? 0 : static_cast<std::uint8_t>(std::lround(255.0 * share));
   }

@@ -67,7 +67,9 @@ Pose lifted(const Place& from, const Place& to, const Alignment2d& a) {
 std::pair<Place, Features> make_place(const Submap& whole, const Place* before, const BackendConfig& config) {
   Place place;
   const AnchoredScans anchored = anchored_scans(whole.scans);
-  const Submap submap = anchored_submap(whole);
+  const bool cut = anchored.starts_piece || anchored.ends_piece;
+  const Submap own = cut ? anchored_submap(whole) : Submap();
+  const Submap& submap = cut ? own : whole;
   place.piece = (before ? before->piece + before->ends_piece : 0) + anchored.starts_piece;
   place.ends_piece = anchored.ends_piece;
   // After a loss the keypose is where the submap's points have it, but the sensor never was there.

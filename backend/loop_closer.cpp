@@ -68,6 +68,15 @@ void mark_rivals(std::vector<Candidate>& candidates, const std::vector<Pose>& ma
   }
 }
 
+// A pointer to what is there for the time of a call only.
+struct Lent {
+  Lent(const Submap*& to, const Submap& submap) : pointer(to) { pointer = &submap; }
+  ~Lent() { pointer = nullptr; }
+  Lent(const Lent&) = delete;
+  Lent& operator=(const Lent&) = delete;
+  const Submap*& pointer;
+};
+
 int closures_of(const std::vector<ClosureRecord>& closures, std::int64_t to) {
   int n = 0;
   for (const ClosureRecord& c : closures) n += c.accepted && c.to_submap == to;
@@ -82,8 +91,10 @@ std::shared_ptr<const CheckedSubmap> LoopCloser::load(std::int64_t id, const Pla
     recent_.splice(recent_.begin(), recent_, it);
     return recent_.front();
   }
-  recent_.push_front(std::make_shared<CheckedSubmap>(anchored_submap(store_.read_submap(id)),
-                                                     index.places()[static_cast<std::size_t>(id)].ground));
+  const GroundAlignment& ground = index.places()[static_cast<std::size_t>(id)].ground;
+  const bool stored = newest_ == nullptr || newest_->id != id;
+  recent_.push_front(std::make_shared<CheckedSubmap>(
+      stored ? anchored_submap(store_.read_submap(id)) : anchored_submap(*newest_), ground));
   if (recent_.size() > kKeptSubmaps) recent_.pop_back();
   return recent_.front();
 }
@@ -168,8 +179,7 @@ bool LoopCloser::close(const Submap& newest, const Features& features, const Pla
                        const std::vector<GraphEdge>& odometry, GraphState& graph,
                        std::vector<std::size_t>& changed) {
   recent_.remove_if([&](const auto& s) { return s->id == newest.id; });  // of an attempt that was not stored
-  recent_.push_front(std::make_shared<CheckedSubmap>(anchored_submap(newest), index.places().back().ground));
-  if (recent_.size() > kKeptSubmaps) recent_.pop_back();
+  const Lent lent(newest_, newest);
   const std::int64_t to = newest.id;
   const std::size_t first_new = graph.closures.size();
   int budget = config_.candidates_per_submap, accepted = 0;

@@ -50,6 +50,7 @@ class LoopCloser {
   BackendConfig config_;
   const SessionStore& store_;
   std::list<std::shared_ptr<const CheckedSubmap>> recent_;  // newest first
+  const Submap* newest_ = nullptr;  // while it is being closed: most submaps have nothing to be checked with
 };
 
 }  // namespace hp2

@@ -16,7 +16,7 @@ namespace hp2 {
 namespace {
 
 constexpr int kApplicationId = 0x48503253;  // "HP2S"
-constexpr int kSchemaVersion = 2;
+constexpr int kSchemaVersion = 3;
 const char* const kSchema = R"(
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE submaps (id INTEGER PRIMARY KEY, travelled_m REAL NOT NULL, scans_skipped INTEGER NOT NULL,

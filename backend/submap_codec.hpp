@@ -17,6 +17,11 @@ class BlobWriter {
     bytes_.insert(bytes_.end(), p, p + sizeof(T));
   }
   void put_pose(const Pose& pose);
+  /// Room for `n` bytes more, to be filled before anything else is put.
+  std::uint8_t* room(std::size_t n) {
+    bytes_.resize(bytes_.size() + n);
+    return bytes_.data() + (bytes_.size() - n);
+  }
   /// The bytes with their checksum appended.
   std::vector<std::uint8_t> finish();
 
@@ -36,6 +41,8 @@ class BlobReader {
     return value;
   }
   Pose get_pose();
+  /// The next `n` bytes. @throws Error if there are fewer
+  const std::uint8_t* skip(std::size_t n);
   std::size_t left() const { return end_ - at_; }
 
  private:
