@@ -49,7 +49,7 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
                  handed_ = d.id + 1;
                  worker_.add(std::move(d));
                }),
-      resume_(endpoint_, kResumeTopic, [this](std::int64_t) { return now_.resume; }),
+      resume_(endpoint_, kResumeTopic, [this](std::int64_t) { return resume_message(); }),
       graph_(endpoint_, kGraphTopic, [this](std::int64_t) { return now_.graph; }),
       trajectory_(endpoint_, kTrajectoryTopic, [this](std::int64_t) { return now_.trajectory; }),
       session_submaps_(endpoint_, kSessionSubmapTopic, [this](std::int64_t id) { return loader_.get(id); }) {
@@ -82,6 +82,7 @@ void BackendProcess::on_snapshot(SessionSnapshot s) {
     opened_ = true;
   }
   now_ = std::move(s);
+  resume_message_.reset();
   for (const auto& closure : now_.new_closures) endpoint_.publish(kClosureChannel, closure);
   for (const auto& closure : now_.new_closures) {
     ++endpoint_.counters()[closure.accepted != 0 ? "closures_accepted" : "closures_rejected"];
@@ -94,6 +95,16 @@ void BackendProcess::on_snapshot(SessionSnapshot s) {
   trajectory_.offer(now_.revision, now_.revision + 1, now_.ended);
   session_submaps_.offer(0, now_.submap_count, now_.last_stored);
   publish_correction();
+}
+
+EncodedMessagePtr BackendProcess::resume_message() {
+  if (!resume_message_ && now_.frontend_state) {
+    resume_t m = now_.resume;
+    m.state = *now_.frontend_state;
+    m.state_size = static_cast<std::int32_t>(m.state.size());
+    resume_message_ = std::make_shared<EncodedMessage>(encode_message(m));
+  }
+  return resume_message_;
 }
 
 // A submap that makes no sense is asked for again: its sender may have been restarted, or somebody else spoke

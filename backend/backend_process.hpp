@@ -36,6 +36,7 @@ class BackendProcess {
 
  private:
   void on_snapshot(SessionSnapshot snapshot);
+  EncodedMessagePtr resume_message();
   void ask_again(const std::string& why);
   void watch_submaps();
   void publish_correction();
@@ -55,6 +56,7 @@ class BackendProcess {
   Inbox submaps_;
   Outbox resume_, graph_, trajectory_, session_submaps_;
   SessionSnapshot now_;
+  EncodedMessagePtr resume_message_;  // of `now_`, once a front-end has asked for it
   bool opened_ = false, stop_ = false, stop_all_ = false, finishing_ = false;
   std::int64_t handed_ = 0;  // submaps handed to the worker
   std::int64_t started_us_ = 0, last_correction_us_ = 0, retry_us_ = 0, last_keep_us_ = 0;

@@ -94,7 +94,9 @@ class SessionStore::Impl {
   Impl(const std::string& folder, Access access) : db(open_database(folder, access)) {
     if (access == Access::kReadWrite) lock.emplace(folder);
     if (access == Access::kReadWrite) {
-      db->execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL");
+      // Megabytes a submap: in pages larger than usual they take half the time. (A file that is there keeps its
+      // own.)
+      db->execute("PRAGMA page_size = 16384; PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL");
       if (db->number("SELECT count(*) FROM sqlite_master") == 0) create();
     }
     if (db->number("PRAGMA application_id") != kApplicationId) {

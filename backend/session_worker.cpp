@@ -5,12 +5,15 @@
 
 #include <spdlog/spdlog.h>
 
+#include "common/thread_priority.hpp"
+
 namespace hp2 {
 
 SessionWorker::SessionWorker(const std::string& folder, const BackendConfig& config,
                              std::function<void(SessionSnapshot)> sink)
     : store_(folder), backend_(config, store_), session_id_(store_.session_id()), sink_(std::move(sink)) {
   closures_told_ = backend_.graph().closures.size();
+  frontend_state_ = std::make_shared<const std::vector<std::uint8_t>>(store_.read_frontend_state());
   // A session whose last submap was stored, but not refined, when the process died is refined now.
   jobs_.emplace_back([this] {
     if (store_.last_submap_stored() && !backend_.graph().ended) backend_.finish();
@@ -58,7 +61,7 @@ void SessionWorker::rethrow_error() {
 }
 
 bool SessionWorker::store(const Delivery& delivery) {
-  const auto package = decode_submap(delivery.bytes->data(), delivery.bytes->size(), session_id_);
+  auto package = decode_submap(delivery.bytes->data(), delivery.bytes->size(), session_id_);
   if (!package || package->submap.id != store_.submap_count()) {
     SessionSnapshot nothing;
     nothing.rejected = package ? "it calls itself submap " + std::to_string(package->submap.id)
@@ -68,6 +71,7 @@ bool SessionWorker::store(const Delivery& delivery) {
     return false;
   }
   const BackendUpdate update = backend_.add_submap(package->submap, package->frontend_state, package->last);
+  frontend_state_ = std::make_shared<const std::vector<std::uint8_t>>(std::move(package->frontend_state));
   spdlog::info("submap {}: {} scans, {:.1f} m, {} verdicts on closures, {:.0f} ms", package->submap.id,
                package->submap.scans.size(), package->submap.travelled_m, update.new_verdicts.size(),
                update.ms_total);
@@ -89,16 +93,13 @@ SessionSnapshot SessionWorker::snapshot() {
   s.map_from_odom = graph.map_from_odom;
   s.graph = std::make_shared<EncodedMessage>(encode_graph(graph, session_id_));
   s.trajectory = std::make_shared<EncodedMessage>(encode_trajectory(graph, session_id_));
-  resume_t resume;
-  resume.session_id = session_id_;
-  resume.next_submap_id = s.submap_count;
-  resume.next_sequence = s.next_sequence;
-  resume.ended = s.last_stored ? 1 : 0;
-  resume.odom_from_submap =
+  s.resume.session_id = session_id_;
+  s.resume.next_submap_id = s.submap_count;
+  s.resume.next_sequence = s.next_sequence;
+  s.resume.ended = s.last_stored ? 1 : 0;
+  s.resume.odom_from_submap =
       to_message(graph.trajectory.empty() ? Pose() : graph.trajectory.back().odom_from_sensor);
-  resume.state = store_.read_frontend_state();
-  resume.state_size = static_cast<std::int32_t>(resume.state.size());
-  s.resume = std::make_shared<EncodedMessage>(encode_message(resume));
+  s.frontend_state = frontend_state_;
   for (; closures_told_ < graph.closures.size(); ++closures_told_) {
     s.new_closures.push_back(
         to_message(graph.closures[closures_told_], session_id_, static_cast<std::int64_t>(closures_told_)));
@@ -107,6 +108,8 @@ SessionSnapshot SessionWorker::snapshot() {
 }
 
 void SessionWorker::work() {
+  // A search for closures must delay no scan. Submaps wait with the front-end for as long as it takes.
+  give_way();
   std::unique_lock<std::mutex> lock(mutex_);
   while (true) {
     // What was handed over is done before the end: a submap that was fetched is stored.

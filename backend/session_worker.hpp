@@ -27,12 +27,15 @@ struct SessionSnapshot {
   bool last_stored = false;  ///< No submap will follow.
   bool ended = false;        ///< Refined, too.
   std::string rejected;      ///< Why the submap that was handed over was not taken; nothing changed then.
-  EncodedMessagePtr resume, graph, trajectory;
+  resume_t resume;           ///< Without the front-end's state, which is megabytes and hardly ever asked for.
+  std::shared_ptr<const std::vector<std::uint8_t>> frontend_state;
+  EncodedMessagePtr graph, trajectory;
   Pose map_from_odom;
   std::vector<closure_t> new_closures;
 };
 
-/// Owns the session. Snapshots are handed to `sink` from its thread, the first one right after the start.
+/// Owns the session, and does all work on it in a thread of its own, which gives way to the front-end's where
+/// processors are few. Snapshots are handed to `sink` from its thread, the first one right after the start.
 class SessionWorker {
  public:
   /// @throws Error if the session cannot be opened
@@ -62,6 +65,7 @@ class SessionWorker {
   const std::int64_t session_id_;
   std::function<void(SessionSnapshot)> sink_;
   std::size_t closures_told_ = 0;
+  std::shared_ptr<const std::vector<std::uint8_t>> frontend_state_;  // as stored last
 
   std::mutex mutex_;
   std::condition_variable wake_;

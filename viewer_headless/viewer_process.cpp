@@ -7,6 +7,7 @@
 #include <spdlog/spdlog.h>
 
 #include "common/program.hpp"
+#include "common/thread_priority.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/peer_summary.hpp"
 
@@ -67,14 +68,14 @@ ViewerProcess::ViewerProcess(LcmBus& bus, const ViewerConfig& config, const View
                     trajectory_revision_ = t->revision;
                     state_.trajectory = std::move(t->trajectory);
                   }),
-      submaps_(
-          endpoint_, {kSessionSubmapTopic, Inbox::Order::kAll, kSubmapsAhead}, [this](const Delivery& d) {
-            const auto package = decode_submap(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
-            if (!package || package->submap.id != d.id) {
-              return endpoint_.reject(chunk_channel(kSessionSubmapTopic), "not a valid submap_t");
-            }
-            spool_.append(d.bytes->data(), d.bytes->size());
-          }) {
+      submaps_(endpoint_, {kSessionSubmapTopic, Inbox::Order::kAll, kSubmapsAhead},
+               [this](const Delivery& d) {
+                 const auto package = decode_submap(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
+                 if (!package || package->submap.id != d.id) {
+                   return endpoint_.reject(chunk_channel(kSessionSubmapTopic), "not a valid submap_t");
+                 }
+                 spool_.append(d.bytes->data(), d.bytes->size());
+               }) {
   endpoint_.adopt_session_from({kGraphTopic, kTrajectoryTopic, kSessionSubmapTopic});
   bus_.subscribe(
       kOdometryChannel, [this](const auto* data, auto size) { on_odometry(data, size); }, kOdometryQueue);
@@ -130,6 +131,7 @@ void ViewerProcess::start_writing() {
   writer_ = std::thread([this, v = view()] {
     std::size_t files = 0;
     std::exception_ptr error;
+    give_way();
     try {
       files = write_session(v, options_.out_folder, config_).size();
     } catch (...) {
