@@ -13,7 +13,7 @@ namespace hp2 {
 
 namespace {
 
-constexpr int kShortestLongSidePx = 1000;
+constexpr int kShortestLongSidePx = 1000, kPreviewPx = 1400;
 constexpr double kMostPixelsAVoxel = 5.0;
 constexpr std::int64_t kSamplePoints = 200000;
 const Color kBackground{13, 17, 23}, kText{220, 226, 232}, kPanel{13, 17, 23, 0.72}, kPath{255, 255, 255};
@@ -104,12 +104,15 @@ Raster rasterize(MapWriter& map, const View& view, double voxel_m) {
     if (at.x() < -reach || at.y() < -reach || at.x() > view.width + reach || at.y() > view.height + reach)
       return;
     const int column = static_cast<int>(std::floor(at.x())), row = static_cast<int>(std::floor(at.y()));
+    const int first = std::max(0, column - reach), last = std::min(view.width - 1, column + reach);
     for (int r = std::max(0, row - reach); r <= std::min(view.height - 1, row + reach); ++r) {
-      for (int c = std::max(0, column - reach); c <= std::min(view.width - 1, column + reach); ++c) {
-        const double distance = std::hypot(c + 0.5 - at.x(), r + 0.5 - at.y());
-        const float w = static_cast<float>(std::clamp(radius + 0.5 - distance, 0.0, 1.0));
-        out.weight.at<float>(r, c) += w;
-        out.height.at<float>(r, c) += w * p.z();
+      auto *weights = out.weight.ptr<float>(r), *heights = out.height.ptr<float>(r);
+      const double dy = r + 0.5 - at.y();
+      for (int c = first; c <= last; ++c) {
+        const double dx = c + 0.5 - at.x();
+        const auto w = static_cast<float>(std::clamp(radius + 0.5 - std::sqrt(dx * dx + dy * dy), 0.0, 1.0));
+        weights[c] += w;
+        heights[c] += w * p.z();
       }
     }
   });
@@ -126,15 +129,19 @@ std::vector<unsigned char> colorize(const Raster& raster, const View& view) {
   const double bright = std::log1p(std::max(1.5, quantile(filled, 0.97)));
   const std::array<int, 3> background{kBackground.red, kBackground.green, kBackground.blue};
   std::vector<unsigned char> rgb(3 * static_cast<std::size_t>(view.width) * view.height);
+  unsigned char* pixel = rgb.data();
   for (int r = 0; r < view.height; ++r) {
-    for (int c = 0; c < view.width; ++c) {
-      const double w = raster.weight.at<float>(r, c);
-      const double z = w > 0 ? raster.height.at<float>(r, c) / w : 0.0;
-      const cv::Vec3b color = height_color((z - view.z_low) / (view.z_high - view.z_low));
+    const auto *weights = raster.weight.ptr<float>(r), *heights = raster.height.ptr<float>(r);
+    for (int c = 0; c < view.width; ++c, pixel += 3) {
+      const double w = weights[c];
+      if (w <= 0) {  // most of them
+        for (int k = 0; k < 3; ++k) pixel[k] = static_cast<unsigned char>(background[k]);
+        continue;
+      }
+      const cv::Vec3b color = height_color((heights[c] / w - view.z_low) / (view.z_high - view.z_low));
       const double share = std::min(w, 1.0) * (0.30 + 0.70 * std::min(1.0, std::log1p(w) / bright));
       for (int k = 0; k < 3; ++k) {
-        rgb[3 * (static_cast<std::size_t>(r) * view.width + c) + k] =
-            cv::saturate_cast<uchar>(background[k] + share * (color[2 - k] - background[k]));
+        pixel[k] = cv::saturate_cast<uchar>(background[k] + share * (color[2 - k] - background[k]));
       }
     }
   }
@@ -192,7 +199,8 @@ void draw_path(Canvas& canvas, const View& view, const SessionDigest& digest, do
 
 }  // namespace
 
-std::string draw_map(MapWriter& map, const SessionDigest& digest, double voxel_m, int long_side_px) {
+std::string draw_map(MapWriter& map, const SessionDigest& digest, double voxel_m, int long_side_px,
+                     std::string* preview) {
   const View view = choose_view(map, digest, voxel_m, long_side_px);
   const auto canvas =
       make_canvas_over(colorize(rasterize(map, view, voxel_m), view), view.width, view.height);
@@ -206,6 +214,7 @@ std::string draw_map(MapWriter& map, const SessionDigest& digest, double voxel_m
   canvas->rectangle(12 * unit, 12 * unit, 10.2 * unit * static_cast<double>(std::string(text).size()),
                     34 * unit, kPanel);
   canvas->text({24 * unit, 35 * unit}, text, 17 * unit, kText);
+  if (preview != nullptr) *preview = canvas->preview(kPreviewPx);
   return canvas->encode();
 }
 

@@ -47,7 +47,14 @@ bool VoxelSet::insert(const Eigen::Vector3d& point) {
     key = key << 21 | index >> 3;
     in_block[k] = index & 7;
   }
-  std::uint64_t& layer = blocks_[key][in_block[2]];
+  // Neighbours in a submap are mostly in one block.
+  if (blocks_.empty() || key != last_key_) {
+    const auto [it, is_new] = numbers_.try_emplace(key, static_cast<std::uint32_t>(blocks_.size()));
+    if (is_new) blocks_.push_back({});
+    last_key_ = key;
+    last_ = it->second;
+  }
+  std::uint64_t& layer = blocks_[last_][in_block[2]];
   const std::uint64_t bit = std::uint64_t{1} << (in_block[1] * 8 + in_block[0]);
   const bool is_new = (layer & bit) == 0;
   layer |= bit;

@@ -3,14 +3,16 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <string>
-#include <unordered_map>
 #include <vector>
 
 #include <Eigen/Core>
+#include <tsl/robin_map.h>
 
 #include "common/atomic_file.hpp"
+#include "frontend/voxel_key.hpp"
 
 namespace hp2 {
 
@@ -25,7 +27,10 @@ class VoxelSet {
 
  private:
   double voxel_m_;
-  std::unordered_map<std::uint64_t, std::array<std::uint64_t, 8>> blocks_;
+  tsl::robin_map<std::uint64_t, std::uint32_t, VoxelKeyHash> numbers_;  // of blocks
+  std::deque<std::array<std::uint64_t, 8>> blocks_;
+  std::uint64_t last_key_ = 0;
+  std::uint32_t last_ = 0;
 };
 
 /// Writes both files at once, binary little-endian, float x y z [m], map frame.

@@ -17,6 +17,8 @@ std::string draw_trajectory(const SessionDigest& digest, const std::vector<Closu
 /// The map seen from above: colour is the mean height of the points in a pixel, brightness their number; the
 /// trajectory over it, a scale bar and a height legend. PNG; the longer side is at most `long_side_px`.
 /// @param voxel_m edge of the map's voxels: a point is drawn that large
-std::string draw_map(MapWriter& map, const SessionDigest& digest, double voxel_m, int long_side_px);
+/// @param preview if not null: the picture as a smaller JPEG
+std::string draw_map(MapWriter& map, const SessionDigest& digest, double voxel_m, int long_side_px,
+                     std::string* preview = nullptr);
 
 }  // namespace hp2

@@ -64,10 +64,10 @@ std::vector<std::string> write_session(const SessionView& view, const std::strin
   put("poses_odometry_tum.txt", poses_odometry_tum(digest));
   put("graph.g2o", graph_g2o(digest, view.graph.closures));
   put("closures.csv", closures_csv(view.graph.closures));
-  std::string map_picture;
+  std::string map_preview;
   if (map) {
-    map_picture = draw_map(*map, digest, config.map_voxel_m, config.picture_size_px);
-    put("map_topdown.png", map_picture);
+    put("map_topdown.png", draw_map(*map, digest, config.map_voxel_m, config.picture_size_px,
+                                    options.report ? &map_preview : nullptr));
     map->commit();
     names.insert(names.end(), {"map.ply", "map.pcd"});
   }
@@ -79,7 +79,7 @@ std::vector<std::string> write_session(const SessionView& view, const std::strin
   put("summary.json", dump(summary) + "\n");
   if (options.report) {
     put("report.html",
-        report_html(report_data(view, digest, truth, summary, config.report_points), map_picture));
+        report_html(report_data(view, digest, truth, summary, config.report_points), map_preview));
   }
   return names;
 }

@@ -5,9 +5,9 @@
 #include <cstdio>
 
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "common/drawing/image_codec.hpp"
 #include "common/error.hpp"
 
 namespace hp2 {
@@ -17,6 +17,7 @@ namespace {
 // Drawn at twice the size and averaged: OpenCV's own anti-aliasing knows neither half-transparent nor thin
 // lines.
 constexpr int kScale = 2;
+constexpr int kJpegQuality = 86;
 constexpr int kShift = 4;  // fractional bits of OpenCV's fixed-point coordinates
 
 cv::Scalar bgr(const Color& c) { return {double(c.blue), double(c.green), double(c.red)}; }
@@ -104,9 +105,14 @@ class PngCanvas : public Canvas {
   std::string encode() override {
     cv::Mat out;
     cv::resize(image_, out, {width(), height()}, 0, 0, cv::INTER_AREA);
-    std::vector<uchar> bytes;
-    cv::imencode(".png", out, bytes, {cv::IMWRITE_PNG_COMPRESSION, 6});
-    return {bytes.begin(), bytes.end()};
+    return encode_png(out);
+  }
+
+  std::string preview(int long_side_px) override {
+    const double scale = std::min(1.0, static_cast<double>(long_side_px) / std::max(width(), height()));
+    cv::Mat out;
+    cv::resize(image_, out, {}, scale / kScale, scale / kScale, cv::INTER_AREA);
+    return encode_jpeg(out, kJpegQuality);
   }
 
  private:

@@ -42,6 +42,8 @@ class Canvas {
   virtual void clip(double x, double y, double w, double h) = 0;
   /// The picture as a file's content.
   virtual std::string encode() = 0;
+  /// The same as a JPEG, at most so large; empty if it is no picture of pixels.
+  virtual std::string preview(int /*long_side_px*/) { return {}; }
 
  protected:
   Canvas(int width, int height) : width_(width), height_(height) {}

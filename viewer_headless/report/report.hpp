@@ -33,7 +33,7 @@ nlohmann::ordered_json report_data(const SessionView& view, const SessionDigest&
 
 /// The whole page.
 /// @param data     report_data()
-/// @param map_png  map_topdown.png, shown smaller; empty: none
-std::string report_html(const nlohmann::ordered_json& data, const std::string& map_png);
+/// @param map_jpeg the map seen from above; empty: none
+std::string report_html(const nlohmann::ordered_json& data, const std::string& map_jpeg);
 
 }  // namespace hp2

@@ -1,9 +1,4 @@
 #include <algorithm>
-#include <vector>
-
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "viewer_headless/report/assets.hpp"
 #include "viewer_headless/report/report.hpp"
@@ -13,30 +8,18 @@ namespace hp2 {
 
 namespace {
 
-constexpr int kPicturePx = 1400;
-
-std::string base64(const std::vector<unsigned char>& bytes) {
+std::string base64(const std::string& text) {
   static const char* const kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned>(static_cast<unsigned char>(text[i])); };
   std::string out;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t left = std::min<std::size_t>(3, bytes.size() - i);
-    unsigned v = bytes[i] << 16;
-    if (left > 1) v |= bytes[i + 1] << 8;
-    if (left > 2) v |= bytes[i + 2];
+  for (std::size_t i = 0; i < text.size(); i += 3) {
+    const std::size_t left = std::min<std::size_t>(3, text.size() - i);
+    unsigned v = byte(i) << 16;
+    if (left > 1) v |= byte(i + 1) << 8;
+    if (left > 2) v |= byte(i + 2);
     for (std::size_t k = 0; k < 4; ++k) out += k <= left ? kDigits[v >> (18 - 6 * k) & 63] : '=';
   }
   return out;
-}
-
-// The picture as a JPEG of moderate size in a data URL.
-std::string data_url(const std::string& png) {
-  cv::Mat image = cv::imdecode(std::vector<char>(png.begin(), png.end()), cv::IMREAD_COLOR);
-  if (image.empty()) return "";
-  const double scale = std::min(1.0, static_cast<double>(kPicturePx) / std::max(image.cols, image.rows));
-  cv::resize(image, image, {}, scale, scale, cv::INTER_AREA);
-  std::vector<unsigned char> jpeg;
-  cv::imencode(".jpg", image, jpeg, {cv::IMWRITE_JPEG_QUALITY, 86});
-  return "data:image/jpeg;base64," + base64(jpeg);
 }
 
 // Inside a script element nothing may look like its end, or like a comment.
@@ -48,7 +31,7 @@ std::string for_script(std::string json) {
 
 }  // namespace
 
-std::string report_html(const nlohmann::ordered_json& data, const std::string& map_png) {
+std::string report_html(const nlohmann::ordered_json& data, const std::string& map_jpeg) {
   std::string page =
       "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
@@ -58,9 +41,9 @@ std::string report_html(const nlohmann::ordered_json& data, const std::string& m
       "style-src 'unsafe-inline'; img-src data:\">\n<title>HP2-SLAM report</title>\n<style>\n";
   page += report_assets::style() + "</style>\n</head>\n<body>\n<main id=\"page\"></main>\n";
   page += "<noscript>This report draws its charts with JavaScript.</noscript>\n";
-  if (!map_png.empty()) {
-    const std::string url = data_url(map_png);
-    if (!url.empty()) page += "<img id=\"map-picture\" alt=\"Map seen from above\" src=\"" + url + "\">\n";
+  if (!map_jpeg.empty()) {
+    page += "<img id=\"map-picture\" alt=\"Map seen from above\" src=\"data:image/jpeg;base64," +
+            base64(map_jpeg) + "\">\n";
   }
   page += "<script type=\"application/json\" id=\"data\">" + for_script(dump(data, -1)) + "</script>\n";
   page += "<script>\n" + report_assets::chart_library() + "\n</script>\n";
