@@ -8,11 +8,11 @@ namespace hp2 {
 AdaptiveScale::AdaptiveScale(double initial_m, double minimum_m, int window)
     : initial_(initial_m), minimum_(minimum_m), window_(static_cast<std::size_t>(std::max(1, window))) {}
 
-double AdaptiveScale::sigma_m() const {
+double AdaptiveScale::sigma_m(double stretch) const {
   if (errors_.empty()) return initial_;
   double sum = 0.0;
   for (const double e : errors_) sum += e * e;
-  return std::max(minimum_, std::sqrt(sum / static_cast<double>(errors_.size())));
+  return std::max(minimum_, stretch * std::sqrt(sum / static_cast<double>(errors_.size())));
 }
 
 double AdaptiveScale::error_m(const Pose& predicted_from_registered, double max_range_m) {
@@ -20,8 +20,8 @@ double AdaptiveScale::error_m(const Pose& predicted_from_registered, double max_
   return predicted_from_registered.translation.norm() + 2.0 * max_range_m * std::sin(0.5 * theta);
 }
 
-void AdaptiveScale::add(double error_m) {
-  errors_.push_back(error_m);
+void AdaptiveScale::add(double error_m, double stretch) {
+  errors_.push_back(error_m / stretch);
   if (errors_.size() > window_) errors_.pop_front();
 }
 

@@ -15,13 +15,14 @@ class AdaptiveScale {
   /// @param window     number of errors that count, N
   AdaptiveScale(double initial_m, double minimum_m, int window);
 
-  double sigma_m() const;
+  /// @param stretch how much farther off this prediction may be than one over a usual interval
+  double sigma_m(double stretch = 1.0) const;
   /// err = |dt| + 2 r_max sin(theta / 2) of the difference between the registered pose and the predicted one
   /// [m].
   /// @param max_range_m r_max, the farthest observed point: turns a rotation error into a displacement there
   static double error_m(const Pose& predicted_from_registered, double max_range_m);
-  /// Adds an error [m].
-  void add(double error_m);
+  /// Adds an error [m] of a prediction that may have been farther off by `stretch`.
+  void add(double error_m, double stretch = 1.0);
 
   void save(ByteWriter& out) const;
   void load(ByteReader& in);

@@ -15,7 +15,7 @@
 namespace hp2 {
 namespace {
 
-constexpr std::uint32_t kStateVersion = 4;
+constexpr std::uint32_t kStateVersion = 5;
 // Below this ratio of the information's eigenvalues the position along some direction is little more than
 // noise, and deskewing by it would feed the noise back.
 constexpr double kWellObserved = 0.03;
@@ -107,7 +107,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   o.diagnostics.ms[0] = clock.lap_ms();
 
   Pose pose = predicted;
-  const double prediction_error = scale_.sigma_m();
+  const double stretch = motion_.stretch(o.utime);
+  const double prediction_error = scale_.sigma_m(stretch);
   const double sigma = std::min(prediction_error, config_.max_sigma_m);
   o.diagnostics.sigma = static_cast<float>(sigma);
   if (source_.empty()) {
@@ -164,8 +165,9 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     o.diagnostics.ms[3] = static_cast<float>(icp.ms_solve);
     const Pose deviation = predicted.inverse() * pose;
     const double error = AdaptiveScale::error_m(deviation, cloud_.max_range_m);
-    moved_ = moved_ || error > config_.min_sigma_m;     // no error where the pose is the prediction
-    if (moved_ && !second && !lost) scale_.add(error);  // the second scan had no prediction that could err
+    moved_ = moved_ || error > config_.min_sigma_m;  // no error where the pose is the prediction
+    if (moved_ && !second && !lost)
+      scale_.add(error, stretch);  // the second scan had no prediction that could err
   } else {
     first_cloud_ = cloud_;
   }

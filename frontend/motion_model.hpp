@@ -1,6 +1,7 @@
 // Constant-velocity prediction on real time stamps (DESIGN: a dropped scan or an uneven clock must not break
 // it).
 #pragma once
+#include <algorithm>
 #include <cstdint>
 
 #include "common/byte_io.hpp"
@@ -36,6 +37,14 @@ class MotionModel {
   /// That time over the interval before.
   double interval_ratio(std::int64_t utime) const {
     return static_cast<double>(interval_us(utime)) / static_cast<double>(interval_);
+  }
+  /// How much farther off the prediction for `utime` may be than one from scan to scan at 10 Hz, for the same
+  /// acceleration: it acts from the middle of the interval before on.
+  double stretch(std::int64_t utime) const {
+    constexpr double kUnit = 1e5, kLeast = 0.25,
+                     kMost = 1e4;  // [us]; stamps that hardly differ are no measure
+    const double dt = static_cast<double>(interval_us(utime)) / kUnit;
+    return std::clamp(0.5 * dt * (dt + static_cast<double>(interval_) / kUnit), kLeast, kMost);
   }
   /// True if `utime` does not lie after the last pose's.
   bool time_is_broken(std::int64_t utime) const { return has_pose_ && utime <= last_utime_; }

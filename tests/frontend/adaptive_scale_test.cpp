@@ -25,6 +25,15 @@ TEST(AdaptiveScale, InitialThenRmsOverTheWindow) {
   EXPECT_EQ(scale.sigma_m(), 0.1);
 }
 
+TEST(AdaptiveScale, IsWiderForAPredictionOverALongerTimeOnly) {
+  AdaptiveScale scale(2.0, 0.1, 3);
+  for (int i = 0; i < 2; ++i) scale.add(0.3);
+  scale.add(0.9, 3.0);  // behind dropped scans
+  EXPECT_DOUBLE_EQ(scale.sigma_m(), 0.3);
+  EXPECT_DOUBLE_EQ(scale.sigma_m(3.0), 0.9);
+  EXPECT_EQ(scale.sigma_m(0.1), 0.1);  // never below the least
+}
+
 TEST(AdaptiveScale, ErrorOfAKnownDeviation) {
   const Pose deviation(so3_exp({0.0, 0.06, 0.08}), {0.3, 0.0, -0.4});
   EXPECT_NEAR(AdaptiveScale::error_m(deviation, 50.0), 0.5 + 2.0 * 50.0 * std::sin(0.05), 1e-12);

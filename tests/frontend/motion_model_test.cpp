@@ -20,6 +20,21 @@ double in_sweep(std::int64_t end) {
   return accelerating(end).translation.x() - accelerating(end - kSweep).translation.x();
 }
 
+TEST(MotionModel, PredictionsErrByTheStretchTimesWhatTheyDoFromScanToScan) {
+  MotionModel model;
+  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+  const auto error = [&](std::int64_t t) {
+    return (accelerating(t).translation - model.predict(t).translation).norm();
+  };
+  const double usual = error(5 * kSweep);
+  EXPECT_DOUBLE_EQ(model.stretch(5 * kSweep), 1.0);
+  for (const int dropped : {1, 2, 3}) {
+    const std::int64_t now = (5 + dropped) * kSweep;
+    EXPECT_NEAR(error(now), model.stretch(now) * usual, 1e-9) << dropped;
+  }
+  EXPECT_GE(model.stretch(4 * kSweep + 1), 0.25);  // stamps that jump are no reason for a scale of nothing
+}
+
 TEST(MotionModel, MotionInASweepIsThatFromPoseToPose) {
   MotionModel model;
   for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
