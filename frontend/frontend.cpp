@@ -21,6 +21,7 @@ constexpr std::uint32_t kStateVersion = 5;
 constexpr double kWellObserved = 0.03;
 // Below this one the state says so.
 constexpr double kDegenerate = 0.03;
+constexpr double kDoubtfulSpeed = 9.0;
 
 }  // namespace
 
@@ -141,6 +142,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
     }
     const bool lost = !second && astray(o.utime, sigma, icp);
     o.covariance = registration_covariance(icp, sigma);
+    // At the start a weak direction may have settled on a wrong speed, which the map made with it confirms.
+    if (motion_.is_new() && icp.min_eigenvalue_ratio < kDegenerate) o.covariance *= kDoubtfulSpeed;
     if (lost) {
       begin_anew();
     } else {

@@ -55,6 +55,8 @@ class MotionModel {
     const std::int64_t dt = interval_us(utime);
     return has_motion_ && dt > kSecond && dt / 3 > interval_;  // no product: a damaged state's may overflow
   }
+  /// True while fewer than ten predictions have been compared with what registration made of them.
+  bool is_new() const { return learned_ < 10; }
   /// Forgets the motion and what was learned of it: the next pose is a first one.
   void restart() {
     has_pose_ = has_motion_ = has_change_ = false;
