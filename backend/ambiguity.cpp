@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace hp2 {
 namespace {
@@ -10,6 +11,7 @@ constexpr double kSuspicious = 0.85;  // of what the best pose explains: then th
 constexpr double kShiftFrom = 2.0, kShiftTo = 16.0, kShiftStep = 1.5;  // [m]
 constexpr int kShiftAngles = 12;
 constexpr std::size_t kGlanceSample = 600, kSample = 6000;  // voxels
+constexpr float kGlanceDistance = 0.3F;  // [m]: what counts as the same surface at a glance
 constexpr double kSamePlace =
     0.7;  // [m]: a shifted registration that comes back to within this confirms the pose
 constexpr float kSharp = 0.2F;  // [m]: what counts as the same surface where two poses are compared
@@ -27,12 +29,46 @@ double credibility(const Pose& other, const Pose& pose, const PoseBound& bound) 
   return std::exp(0.5 * (here * here - there * there));
 }
 
+// Structure that the other submap has looked at, and how much of it is there, too.
+struct Glance {
+  int structure = 0, same = 0;
+  double share() const { return structure > 0 ? static_cast<double>(same) / structure : 0.0; }
+};
+
+// Every stride-th voxel of the cloud, if it is structure, turned as it lies in the other one.
+std::vector<Eigen::Vector3f> turned_structure(const VoxelCloud& cloud, const Eigen::Quaterniond& turn,
+                                              int stride) {
+  const Eigen::Matrix3f r = turn.toRotationMatrix().cast<float>();
+  std::vector<Eigen::Vector3f> points;
+  for (std::size_t i = 0; i < cloud.voxels().size(); i += static_cast<std::size_t>(stride)) {
+    if (cloud.voxels()[i].structure) points.emplace_back(r * cloud.voxels()[i].point);
+  }
+  return points;
+}
+
+// Nothing where the share cannot come out above `enough`.
+Glance glance(const std::vector<Eigen::Vector3f>& structure, const Eigen::Vector3d& translation,
+              const VoxelCloud& other, double enough) {
+  const Eigen::Vector3f t = translation.cast<float>();
+  Glance g;
+  for (std::size_t i = 0; i < structure.size(); ++i) {
+    const auto left = static_cast<double>(structure.size() - i);
+    if (g.same + left <= enough * (g.structure + left)) return {};
+    const Eigen::Vector3f p = structure[i] + t;
+    if (!(p.cwiseAbs().maxCoeff() < 1e5F) || !other.seen(p)) continue;
+    ++g.structure;
+    g.same += other.any_near(p, kGlanceDistance);
+  }
+  return g;
+}
+
 }  // namespace
 
 double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to,
                  const PoseBound& bound) {
-  const int stride = stride_for(to, kGlanceSample);
-  const Overlap here = overlap_of(to.cloud, from.cloud, from_from_to, stride, 0.3F);
+  const std::vector<Eigen::Vector3f> structure =
+      turned_structure(to.cloud, from_from_to.rotation, stride_for(to, kGlanceSample));
+  const Glance here = glance(structure, from_from_to.translation, from.cloud, -1.0);
   if (here.structure == 0) return 1.0;
   double best = 0.0;
   Pose best_pose = from_from_to;
@@ -42,14 +78,14 @@ double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose&
       const double angle = k * 2.0 * M_PI / kShiftAngles;
       Pose shifted = from_from_to;
       shifted.translation += up * Eigen::Vector3d(d * std::cos(angle), d * std::sin(angle), 0.0);
-      const Overlap there = overlap_of(to.cloud, from.cloud, shifted, stride, 0.3F);
+      const Glance there = glance(structure, shifted.translation, from.cloud, best);
       // A shift that brings hardly anything together says nothing.
-      if (2 * there.structure < here.structure || there.share <= best) continue;
-      best = there.share;
+      if (2 * there.structure < here.structure || there.share() <= best) continue;
+      best = there.share();
       best_pose = shifted;
     }
   }
-  const double share = best / std::max(here.share, 1e-9);
+  const double share = best / std::max(here.share(), 1e-9);
   if (share <= kSuspicious) return share;
   const Pose again = register_fine(from, to, best_pose);
   if ((again.translation - from_from_to.translation).norm() < kSamePlace) return 0.0;

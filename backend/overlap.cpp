@@ -66,11 +66,29 @@ VoxelCloud::VoxelCloud(const std::vector<Eigen::Vector3f>& points,
 }
 
 const VoxelCloud::Voxel* VoxelCloud::nearest(const Eigen::Vector3f& p, float max_distance_m) const {
+  return search<false>(p, max_distance_m);
+}
+
+bool VoxelCloud::any_near(const Eigen::Vector3f& p, float max_distance_m) const {
+  return search<true>(p, max_distance_m) != nullptr;
+}
+
+template <bool any>
+const VoxelCloud::Voxel* VoxelCloud::search(const Eigen::Vector3f& p, float max_distance_m) const {
   // The corner where the eight voxels meet, and how far it is: a voxel on its other side is no nearer.
   const Eigen::Vector3i middle = floor_of(p / kVoxel + Eigen::Vector3f::Constant(0.5F));
   const Eigen::Vector3f off = p - kVoxel * middle.cast<float>(), off2 = off.cwiseAbs2();
   const int own = (off.x() >= 0.0F ? 1 : 0) | (off.y() >= 0.0F ? 2 : 0) | (off.z() >= 0.0F ? 4 : 0);
+  // By axis, for the voxel below the corner and the one above: its place in its block, and whether that is
+  // the next block.
   const Eigen::Vector3i corner = middle - Eigen::Vector3i::Ones(), low = block_of(corner);
+  int cell_part[3][2], block_part[3][2];
+  for (int a = 0; a < 3; ++a) {
+    for (int side = 0; side < 2; ++side) {
+      cell_part[a][side] = ((corner[a] + side) & kInBlock) << (a * kBits);
+      block_part[a][side] = (((corner[a] + side) >> kBits) - low[a]) << a;
+    }
+  }
   constexpr std::int32_t kUnknown = -2;
   std::int32_t blocks[8] = {kUnknown, kUnknown, kUnknown, kUnknown, kUnknown, kUnknown, kUnknown, kUnknown};
   const Voxel* best = nullptr;
@@ -80,19 +98,20 @@ const VoxelCloud::Voxel* VoxelCloud::nearest(const Eigen::Vector3f& p, float max
     const float bound = ((k & 1) != 0 ? off2.x() : 0.0F) + ((k & 2) != 0 ? off2.y() : 0.0F) +
                         ((k & 4) != 0 ? off2.z() : 0.0F);
     if (bound > best2) continue;
-    const int side = own ^ k;
-    const Eigen::Vector3i voxel = corner + Eigen::Vector3i(side & 1, (side >> 1) & 1, side >> 2);
-    const Eigen::Vector3i step = block_of(voxel) - low;
-    std::int32_t& b = blocks[step.x() | step.y() << 1 | step.z() << 2];
-    if (b == kUnknown) b = find_block(low + step);
+    const int x = (own ^ k) & 1, y = (own ^ k) >> 1 & 1, z = (own ^ k) >> 2;
+    const int step = block_part[0][x] | block_part[1][y] | block_part[2][z];
+    std::int32_t& b = blocks[step];
+    if (b == kUnknown) b = find_block(low + Eigen::Vector3i(step & 1, step >> 1 & 1, step >> 2));
     if (b < 0) continue;
-    const std::int32_t cell = blocks_[static_cast<std::size_t>(b)][cell_of(voxel)];
+    const auto c = static_cast<std::size_t>(cell_part[0][x] | cell_part[1][y] | cell_part[2][z]);
+    const std::int32_t cell = blocks_[static_cast<std::size_t>(b)][c];
     if (cell < 0) continue;
     const Voxel& v = voxels_[static_cast<std::size_t>(cell)];
     const float d2 = (v.point - p).squaredNorm();
     if (d2 <= best2) {
       best2 = d2;
       best = &v;
+      if (any) return best;
     }
   }
   return best;
@@ -108,7 +127,7 @@ Overlap overlap_of(const VoxelCloud& cloud, const VoxelCloud& other, const Pose&
     const auto& v = cloud.voxels()[i];
     const Eigen::Vector3f p = r * v.point + t;
     if (!(p.cwiseAbs().maxCoeff() < 1e5F) || !other.seen(p)) continue;
-    const bool there = other.nearest(p, max_distance_m) != nullptr;
+    const bool there = other.any_near(p, max_distance_m);
     ++o.common;
     same += there;
     o.structure += v.structure;

@@ -33,8 +33,12 @@ class VoxelCloud {
   /// Nearest voxel point among the 8 voxels around `p`; null beyond `max_distance_m` (at most 0.5 m is
   /// sensible).
   const Voxel* nearest(const Eigen::Vector3f& p, float max_distance_m) const;
+  /// True if there is one: the first that is found will do.
+  bool any_near(const Eigen::Vector3f& p, float max_distance_m) const;
 
  private:
+  template <bool any>
+  const Voxel* search(const Eigen::Vector3f& p, float max_distance_m) const;
   /// 4 x 4 x 4 voxels: their numbers, -1 for an empty one. A query's eight voxels mostly lie in one or two.
   using Block = std::array<std::int32_t, 64>;
 

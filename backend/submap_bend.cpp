@@ -19,7 +19,7 @@ double agreement(const VoxelCloud& from, const std::vector<Eigen::Vector3f>& poi
   std::size_t n = 0;
   for (const auto& p : points) {
     const Eigen::Vector3f q = r * p + t;
-    n += q.cwiseAbs().maxCoeff() < 1e5F && from.nearest(q, kSharp) != nullptr;
+    n += q.cwiseAbs().maxCoeff() < 1e5F && from.any_near(q, kSharp);
   }
   return static_cast<double>(n) / static_cast<double>(std::max<std::size_t>(1, points.size()));
 }

@@ -26,6 +26,7 @@ TEST(VoxelCloud, NearestIsTheOneThatLookingAtAllFinds) {
       if (d <= reach && (best == nullptr || d < (best->point - p).norm())) best = &v;
     }
     EXPECT_EQ(cloud.nearest(p, reach), best) << p.transpose();
+    EXPECT_EQ(cloud.any_near(p, reach), best != nullptr) << p.transpose();
     found += best != nullptr;
   }
   EXPECT_GT(found, 500);
