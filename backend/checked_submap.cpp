@@ -76,6 +76,11 @@ LocalMap& CheckedSubmap::fine_map() const {
   return *fine_map_;
 }
 
+void CheckedSubmap::drop_maps() const {
+  coarse_map_.reset();
+  fine_map_.reset();
+}
+
 Pose register_coarse(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess) {
   return register_cloud(from.coarse_map(), every_nth(to.points, kCoarseSource), guess, coarse_config(),
                         kCoarseSigma, kCoarseSigma)

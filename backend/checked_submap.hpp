@@ -33,6 +33,7 @@ struct CheckedSubmap {
   /// threads at once, and no more is register_fine() with the same submap.
   LocalMap& coarse_map() const;
   LocalMap& fine_map() const;
+  void drop_maps() const;
 
  private:
   mutable std::optional<LocalMap> coarse_map_, fine_map_;

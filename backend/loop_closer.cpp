@@ -11,9 +11,9 @@ const char* const kRefusedByGraph = "the other closures contradict it";
 
 namespace {
 
-constexpr std::size_t kKeptSubmaps = 8;
-constexpr int kEnoughClosures = 2;  // a submap that has so many needs no further ones
-constexpr int kFurtherPairs = 2;    // checked after a correction, a submap
+constexpr std::size_t kKeptSubmaps = 8, kKeptMaps = 3;  // maps of a submap take more memory than itself
+constexpr int kEnoughClosures = 2;                      // a submap that has so many needs no further ones
+constexpr int kFurtherPairs = 2;                        // checked after a correction, a submap
 constexpr std::int64_t kLookBack =
     20;  // submaps that a correction gives another chance at once; all get one at the end
 constexpr double kNews_m = 0.1, kNews_rad = 0.005;
@@ -86,7 +86,9 @@ int closures_of(const std::vector<ClosureRecord>& closures, std::int64_t to) {
 }  // namespace
 
 std::shared_ptr<const CheckedSubmap> LoopCloser::load(std::int64_t id, const PlaceIndex& index) {
+  std::size_t number = 0;
   for (auto it = recent_.begin(); it != recent_.end(); ++it) {
+    if (++number > kKeptMaps) (*it)->drop_maps();
     if ((*it)->id != id) continue;
     recent_.splice(recent_.begin(), recent_, it);
     return recent_.front();
