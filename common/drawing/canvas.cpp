@@ -5,9 +5,9 @@
 #include <cstdio>
 
 #include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "common/drawing/image_codec.hpp"
 #include "common/error.hpp"
 
 namespace hp2 {
@@ -105,14 +105,18 @@ class PngCanvas : public Canvas {
   std::string encode() override {
     cv::Mat out;
     cv::resize(image_, out, {width(), height()}, 0, 0, cv::INTER_AREA);
-    return encode_png(out);
+    std::vector<uchar> bytes;
+    cv::imencode(".png", out, bytes, {cv::IMWRITE_PNG_COMPRESSION, 6});
+    return {bytes.begin(), bytes.end()};
   }
 
   std::string preview(int long_side_px) override {
     const double scale = std::min(1.0, static_cast<double>(long_side_px) / std::max(width(), height()));
     cv::Mat out;
     cv::resize(image_, out, {}, scale / kScale, scale / kScale, cv::INTER_AREA);
-    return encode_jpeg(out, kJpegQuality);
+    std::vector<uchar> bytes;
+    cv::imencode(".jpg", out, bytes, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
+    return {bytes.begin(), bytes.end()};
   }
 
  private:
