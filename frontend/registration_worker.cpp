@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/thread_priority.hpp"
 #include "frontend/submap_builder.hpp"
 
 namespace hp2 {
@@ -188,6 +189,7 @@ RegistrationEvent RegistrationWorker::pack(Parcel parcel) {
 }
 
 void RegistrationWorker::pack_loop() {
+  give_way();
   std::unique_lock<std::mutex> lock(mutex_);
   while (!stop_) {
     if (parcels_.empty()) {
