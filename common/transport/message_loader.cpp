@@ -3,6 +3,8 @@
 #include <iterator>
 #include <utility>
 
+#include "common/thread_priority.hpp"
+
 namespace hp2 {
 namespace {
 
@@ -64,6 +66,7 @@ std::optional<std::int64_t> MessageLoader::choose() const {
 }
 
 void MessageLoader::work() {
+  give_way();  // it is ahead of its readers, and waits for them most of the time
   std::unique_lock<std::mutex> lock(mutex_);
   while (!stop_) {
     const auto id = choose();
