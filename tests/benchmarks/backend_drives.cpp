@@ -119,7 +119,7 @@ int run_laps(const SessionStore& submaps, const std::string& work, int laps, con
 }
 
 struct Options {
-  std::string cache = "submaps", poses, mode = "robust";
+  std::string cache = "out/submaps", poses, mode = "robust";
   double length_m = 0.0, scale = 0.0, yaw = 0.0;
   bool verbose = false;
   int laps = 1;
