@@ -86,13 +86,14 @@ int closures_of(const std::vector<ClosureRecord>& closures, std::int64_t to) {
 }  // namespace
 
 std::shared_ptr<const CheckedSubmap> LoopCloser::load(std::int64_t id, const PlaceIndex& index) {
-  std::size_t number = 0;
-  for (auto it = recent_.begin(); it != recent_.end(); ++it) {
-    if (++number > kKeptMaps) (*it)->drop_maps();
-    if ((*it)->id != id) continue;
-    recent_.splice(recent_.begin(), recent_, it);
-    return recent_.front();
+  const auto known = std::find_if(recent_.begin(), recent_.end(), [id](const auto& s) { return s->id == id; });
+  if (known != recent_.end()) recent_.splice(recent_.begin(), recent_, known);
+  // Its own are among the first kKeptMaps, be it here or about to come.
+  std::size_t number = known != recent_.end() ? 0 : 1;
+  for (const auto& submap : recent_) {
+    if (++number > kKeptMaps) submap->drop_maps();
   }
+  if (known != recent_.end()) return recent_.front();
   const GroundAlignment& ground = index.places()[static_cast<std::size_t>(id)].ground;
   const bool stored = newest_ == nullptr || newest_->id != id;
   recent_.push_front(std::make_shared<CheckedSubmap>(

@@ -21,6 +21,7 @@ constexpr std::uint32_t kStateVersion = 5;
 constexpr double kWellObserved = 0.03;
 // Below this one the state says so.
 constexpr double kDegenerate = 0.03;
+// So much larger is the covariance while the start's speed may be a wrong one that fits as well: from three Avia bridges.
 constexpr double kDoubtfulSpeed = 9.0;
 
 }  // namespace
@@ -180,6 +181,7 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   if (o.state == TrackingState::kLost) {
     o.covariance = guess_covariance(before.inverse() * predicted);
   } else {
+    // Also where scans come without times: somebody has deskewed them with a motion of his own, or nobody has.
     o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
   }
   o.odom_from_sensor = pose;

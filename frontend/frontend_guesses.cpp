@@ -29,8 +29,8 @@ bool Frontend::Impl::astray(std::int64_t utime, double sigma, IcpResult& icp) {
   return true;
 }
 
-// After dropped scans the prediction is off by more than sigma, which earlier predictions have told, and the
-// farther the longer ago the last scan was. Where the scan fits badly it is registered with a scale to match,
+// After dropped scans the prediction can be off by more than sigma, which goes by what earlier predictions have told:
+// whatever moved the sensor may have begun behind them. Where the scan fits badly it is registered with a scale to match,
 // and with sigma again from there.
 void Frontend::Impl::look_farther(std::int64_t utime, IcpResult& icp, double sigma, const PosePrior& prior) {
   const double wider = std::min(config_.max_sigma_m, motion_.interval_ratio(utime) * sigma);
@@ -41,7 +41,8 @@ void Frontend::Impl::look_farther(std::int64_t utime, IcpResult& icp, double sig
   if (other.fit > kBetter * icp.fit) icp = other;
 }
 
-// Predictions have been farther off than ICP reaches, and the scan fits worse than most: ICP is begun at
+// The prediction is expected to be farther off than ICP reaches, by those before it or for the time that it spans, and
+// the scan fits worse than most: ICP is begun at
 // other guesses too, with a part of the points and for a few iterations each, the farther ones only while
 // none fits. Where one of them fits better the scan is registered from there.
 void Frontend::Impl::search_around(IcpResult& icp, double sigma, const PosePrior& prior) {

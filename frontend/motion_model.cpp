@@ -72,10 +72,13 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, st
 void MotionModel::add(const Pose& pose, std::int64_t utime) {
   constexpr double kMemory = 0.9;
   if (has_pose_) {
-    const Vector6d before = motion_ / static_cast<double>(interval_);
+    // Of two intervals the one that is hardly any is no measure of a velocity.
+    constexpr double kLeast = 0.25;
+    const auto old_interval = static_cast<double>(interval_), new_interval = static_cast<double>(interval_us(utime));
+    const Vector6d before = motion_ / std::max(old_interval, kLeast * new_interval);
     interval_ = interval_us(utime);
     motion_ = se3_log(last_.inverse() * pose);
-    const Vector6d velocity = motion_ / static_cast<double>(interval_);
+    const Vector6d velocity = motion_ / std::max(new_interval, kLeast * old_interval);
     const Vector6d change = has_motion_ ? Vector6d(velocity - before) : velocity;
     jerk_ = has_change_ ? Vector6d(change - change_) : Vector6d::Zero();
     change_ = change;

@@ -8,7 +8,7 @@
 namespace hp2 {
 
 /// Threads that take blocks of a loop beside the calling one. Between the loops of a scan, which follow each
-/// other within microseconds, they wait awake; left alone for a tenth of a millisecond they sleep. (A task
+/// other within microseconds, they wait awake; left alone for some 30 microseconds they sleep. (A task
 /// library's threads go to sleep between two loops: some forty wake-ups a scan, a quarter of its time.)
 class WorkerPool {
  public:

@@ -83,7 +83,6 @@ void RegistrationWorker::run_thread(void (RegistrationWorker::*loop)()) {
 }
 
 void RegistrationWorker::decode_loop() {
-  give_way();  // it is scans ahead; those of a live sensor do not pass here
   std::unique_lock<std::mutex> lock(mutex_);
   while (!stop_) {
     const auto undecoded = [](const Job& job) { return !job.decoded; };

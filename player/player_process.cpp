@@ -39,7 +39,7 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
             scan = source.read(static_cast<std::size_t>(id), std::move(scan));
             return encode_scan(scan);
           },
-              options.ahead, options.threads),
+          options.ahead, options.threads),
       outbox_(endpoint_, kScanTopic, [this](std::int64_t id) { return loader_.get(id); }),
       progress_(total_, scan_period_s(source)),
       paused_(options.start_paused) {

@@ -25,8 +25,12 @@ std::int64_t random_id() {
 }
 
 Endpoint::Endpoint(Bus& bus) : bus_(bus), sender_id_(random_id()) {
-  // One datagram's room is left for everything that this process did not ask for.
-  max_window_ = window_ = std::clamp(bus.receive_capacity() - 1, 1, 32);
+  // Everybody hears everybody's pieces but scans': a large buffer is for three readers' windows. Of a small one a
+  // datagram's room is left for everything that this process did not ask for.
+  // More at once would overrun the queue of 30 messages that LCM gives a subscriber such as lcm-logger.
+  constexpr int kSmall = 8, kMost = 20;
+  const int capacity = bus.receive_capacity();
+  max_window_ = window_ = std::clamp(capacity / 3, std::clamp(capacity - 1, 1, kSmall), kMost);
   for (const char* name : {"chunks_sent", "chunks_resent", "duplicates", "lost", "rejected"})
     counters_[name] = 0;
   bus_.subscribe(

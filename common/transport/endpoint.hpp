@@ -57,8 +57,8 @@ class Endpoint {
   /// How many pieces of kPieceBytes may be under way to this process at once, over all its inboxes. Halved
   /// when pieces are lost, grows back while none are.
   int free_window() const { return window_ - in_flight_; }
-  /// Half of the window is free: pieces are asked for so many at a time, as every request wakes all processes.
-  bool may_ask() const { return free_window() >= (window_ + 1) / 2; }
+  /// A third of the window is free: pieces are asked for so many at a time, as every request wakes all processes.
+  bool may_ask() const { return free_window() >= std::max(1, window_ / 3); }
   void piece_asked() { ++in_flight_; }
   void piece_settled() { --in_flight_; }
   void window_loss();

@@ -117,6 +117,7 @@ void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_
   }
   lcm_->subscriptions.push_back(std::move(subscription));
   wants_scans_ = wants_scans_ || channel == chunk_channel(kScanTopic);
+  if (wants_scans_ && passes_scans_over_) passes_scans_over_ = !filter_.attach(url_);
 }
 
 std::int64_t LcmBus::dropped() const { return filter_.dropped(); }

@@ -75,14 +75,24 @@ void Outbox::on_fetch(const fetch_t& fetch) {
   if (fetch.n == 0 || fetch.message_id < offer_.first_id || fetch.message_id >= offer_.next_id) return;
   Request request{fetch.message_id, fetch.indices, endpoint_.bus().now_us()};
   if (request.indices.size() > kMostIndices) request.indices.resize(kMostIndices);
-  if (answer(request)) return;
-  const auto same = std::find_if(waiting_.begin(), waiting_.end(),
-                                 [&](const Request& r) { return r.message_id == request.message_id; });
-  if (same != waiting_.end()) {
-    *same = std::move(request);
-  } else {
-    if (waiting_.size() >= kMostWaiting) waiting_.pop_front();
-    waiting_.push_back(std::move(request));
+  const auto at = std::find_if(waiting_.begin(), waiting_.end(),
+                               [&](const Request& r) { return r.message_id >= request.message_id; });
+  if (at != waiting_.end() && at->message_id == request.message_id)
+    *at = std::move(request);
+  else
+    waiting_.insert(at, std::move(request));
+  if (waiting_.size() > kMostWaiting) waiting_.pop_back();
+  answer_waiting();
+}
+
+// In order of the messages: what a recording of them plays back has no other order than theirs.
+void Outbox::answer_waiting() {
+  while (!waiting_.empty()) {
+    const std::int64_t id = waiting_.front().message_id;
+    const bool offered = id >= offer_.first_id && id < offer_.next_id;
+    const bool forgotten = endpoint_.bus().now_us() - waiting_.front().since_us > kForgetRequestUs;
+    if (offered && !forgotten && !answer(waiting_.front())) return;
+    waiting_.pop_front();
   }
 }
 
@@ -134,15 +144,7 @@ void Outbox::poll() {
   if (!offered_) return;
   const std::int64_t now = endpoint_.bus().now_us();
   if (now - last_offer_us_ >= kOfferPeriodUs) publish_offer();
-  for (std::size_t n = waiting_.size(); n > 0; --n) {
-    Request request = std::move(waiting_.front());
-    waiting_.pop_front();
-    if (now - request.since_us > kForgetRequestUs || request.message_id < offer_.first_id ||
-        request.message_id >= offer_.next_id) {
-      continue;
-    }
-    if (!answer(request)) waiting_.push_back(std::move(request));
-  }
+  answer_waiting();
   for (int n = 0; n < kUnaskedPiecesATick && !everything_.empty(); ++n) {
     const auto [id, index] = everything_.front();
     const auto message = id >= offer_.first_id && id < offer_.next_id ? provider_(id) : nullptr;

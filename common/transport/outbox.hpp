@@ -66,6 +66,7 @@ class Outbox {
     std::int64_t since_us = 0;
   };
   bool answer(const Request& request);
+  void answer_waiting();
   void send_piece(std::int64_t id, EncodedMessage& message, int index);
   void publish_offer();
 
@@ -77,7 +78,7 @@ class Outbox {
   bool offered_ = false, any_session_ = false, over_ = false;
   std::int64_t last_offer_us_ = 0;
   std::int64_t done_id_ = 0, wanted_id_ = 0, reader_id_ = 0, heard_us_ = 0;
-  std::deque<Request> waiting_;                          // for a message that is not ready yet
+  std::deque<Request> waiting_;                          // in order of id, the first one not ready yet
   std::deque<std::pair<std::int64_t, int>> everything_;  // (message, piece) of requests for all pieces
 };
 

@@ -54,6 +54,24 @@ TEST(MotionModel, MotionInTheSweepAfterDroppedScansKnowsTheAcceleration) {
   }
 }
 
+// A driver that hands over scans in batches stamps one a millisecond after the other.
+TEST(MotionModel, AnIntervalOfHardlyAnythingIsNoMeasureOfUnevenness) {
+  MotionModel model;
+  const auto at = [](int i) {
+    Pose pose;
+    pose.translation.x() = i;  // 1 m a scan
+    return pose;
+  };
+  std::int64_t utime = 0;
+  for (int i = 0; i < 5; ++i) model.add(at(i), utime += kSweep);
+  EXPECT_NEAR(model.unevenness(kSweep).change.norm(), 0.0, 1e-9);
+  model.add(at(5), utime += kSweep / 100);
+  EXPECT_LT(model.unevenness(kSweep).change.norm(), 3.5);
+  model.add(at(6), utime += 2 * kSweep - kSweep / 100);
+  EXPECT_LT(model.unevenness(kSweep).change.norm(), 3.5);
+  EXPECT_LT(model.unevenness(kSweep).jerk.norm(), 7.0);
+}
+
 TEST(MotionModel, ASensorWithAStillClockIsPredictedAsIfScansCameEvenly) {
   MotionModel model;
   for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);

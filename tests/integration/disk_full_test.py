@@ -27,8 +27,9 @@ def cannot_be_opened(run):
            "the poses read from a read-only session differ")
     subprocess.run(["mount", "-o", "remount,rw", str(run.session)], check=True)
     with open(run.session / "session.sqlite", "r+b") as file:
-        file.seek(5 * 4096)
-        file.write(os.urandom(4096 * 20))
+        size = int.from_bytes(file.read(18)[16:], "big")  # of a page, in SQLite's header
+        file.seek(2 * size)
+        file.write(os.urandom(size * 5))
     refused(run, "damaged", "session.sqlite", ".recover")
 
 

@@ -23,7 +23,7 @@ class FakeBus : public Bus {
   void subscribe(const std::string& channel, Callback callback, int queue_capacity) override;
   std::int64_t now_us() const override;
   std::int64_t wall_us() const override { return now_us(); }
-  int receive_capacity() const override { return 3; }
+  int receive_capacity() const override;
   std::int64_t dropped() const override { return 0; }
   bool passes_scans_over() const override { return false; }
 
@@ -34,9 +34,10 @@ class FakeBus : public Bus {
   std::deque<std::pair<std::string, std::vector<std::uint8_t>>> buffer_;
 };
 
-/// Connects FakeBus objects. A receiver's buffer holds 3 large datagrams, as the default receive buffer does.
+/// Connects FakeBus objects. A receiver's buffer holds 3 large datagrams, as the default receive buffer does, or more.
 class FakeNetwork {
  public:
+  explicit FakeNetwork(int capacity = 3) : capacity_(capacity) {}
   double loss = 0.0, duplication = 0.0, reordering = 0.0;
   std::int64_t now = 1'000'000;
   std::int64_t overflowed = 0;  ///< Large datagrams that found a receiver's buffer full.
@@ -75,7 +76,7 @@ class FakeNetwork {
         if (bytes.size() > 30'000 && bus->subscriptions_.count(channel) != 0) {
           int large = 0;
           for (const auto& m : bus->buffer_) large += m.second.size() > 30'000 ? 1 : 0;
-          if (large >= 3) {
+          if (large >= capacity_) {
             ++overflowed;
             continue;
           }
@@ -84,6 +85,7 @@ class FakeNetwork {
       }
     }
   }
+  const int capacity_;
   std::vector<FakeBus*> buses_;
   std::mt19937 rng_{7};
 };
@@ -105,6 +107,7 @@ inline void FakeBus::publish(const std::string& channel, const void* data, std::
 inline void FakeBus::subscribe(const std::string& channel, Callback callback, int /*queue_capacity*/) {
   subscriptions_.emplace(channel, std::move(callback));
 }
+inline int FakeBus::receive_capacity() const { return network_.capacity_; }
 inline std::int64_t FakeBus::now_us() const { return network_.now; }
 
 }  // namespace hp2

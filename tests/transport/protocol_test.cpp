@@ -76,8 +76,12 @@ TEST(Crc32, IsZlibs) {
   EXPECT_EQ(crc32(fox.data(), fox.size()), 0x414FA339U);
 }
 
-TEST(Protocol, AllMessagesArriveInOrderAndNeverOverrunTheReceiveBuffer) {
-  FakeNetwork network;
+/// Of receive buffers of several sizes [large datagrams].
+class ProtocolCapacities : public ::testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Capacities, ProtocolCapacities, ::testing::Values(2, 3, 4, 9, 22, 88));
+
+TEST_P(ProtocolCapacities, AllMessagesArriveInOrderAndNeverOverrunTheReceiveBuffer) {
+  FakeNetwork network(GetParam());
   Owner owner(network);
   Reader reader(network);
   owner.outbox.offer(0, 30, true);
@@ -87,8 +91,8 @@ TEST(Protocol, AllMessagesArriveInOrderAndNeverOverrunTheReceiveBuffer) {
   EXPECT_EQ(owner.endpoint.counters()["chunks_resent"], 0);
 }
 
-TEST(Protocol, SurvivesLossDuplicationAndReordering) {
-  FakeNetwork network;
+TEST_P(ProtocolCapacities, SurvivesLossDuplicationAndReordering) {
+  FakeNetwork network(GetParam());
   network.loss = 0.1;
   network.duplication = 0.05;
   network.reordering = 0.2;
@@ -189,6 +193,41 @@ TEST(Protocol, MessagesThatAreNotReadyYetComeWhenTheyAre) {
     network.step(1000);
   }
   EXPECT_EQ(reader.ids, range(0, 1));
+}
+
+// As a recording of them has them: a replay knows no other order.
+TEST(Protocol, MessagesGoOutInTheirOrderWhicheverIsReadyFirst) {
+  FakeNetwork network(88);
+  FakeBus bus(network), listener(network);
+  Endpoint endpoint(bus);
+  endpoint.set_session(kSession);
+  std::map<std::int64_t, EncodedMessagePtr> ready;
+  Outbox outbox(endpoint, "T", [&](std::int64_t id) { return ready.count(id) != 0 ? ready[id] : nullptr; });
+  std::map<std::int64_t, int> pieces;
+  std::vector<std::int64_t> whole;
+  listener.subscribe(
+      "HP2_CHUNK_T",
+      [&](const std::uint8_t* data, std::size_t size) {
+        const auto piece = view_chunk(data, size);
+        ASSERT_TRUE(piece);
+        if (++pieces[piece->fields.message_id] == piece->fields.count) whole.push_back(piece->fields.message_id);
+      },
+      100);
+  FakeBus reader_bus(network);
+  Endpoint reader(reader_bus);
+  reader.set_session(kSession);
+  std::vector<std::int64_t> delivered;
+  Inbox inbox(reader, {"T"}, [&](const Delivery& d) { delivered.push_back(d.id); });
+  outbox.offer(0, 8, true);
+  for (int i = 0; i < 400; ++i) {
+    const std::int64_t id = i / 10 < 8 ? (i / 10) ^ 3 : 8;  // 3 2 1 0 7 6 5 4
+    if (i % 10 == 0 && id < 8) ready[id] = std::make_shared<EncodedMessage>(ByteVector(200'000, 7));
+    endpoint.poll();
+    reader.poll();
+    network.step(1000);
+  }
+  EXPECT_EQ(delivered, range(0, 8));
+  EXPECT_EQ(whole, range(0, 8));
 }
 
 TEST(Protocol, OtherSessionsAndTwinsAreLeftAlone) {
