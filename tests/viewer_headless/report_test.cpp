@@ -48,16 +48,17 @@ std::vector<std::string> remarks(const testing::MadeUpSession& s) {
 
 TEST(Remarks, SayWhatIsWrongAndNothingElse) {
   auto s = testing::make_session(testing::block_drive(80, 0.9), street);
+  s.view.processes["hp2_backend"]["counters"]["closures_rejected"] = 9;  // as they should be
   EXPECT_TRUE(remarks(s).empty());
   s.view.graph.ended = false;
   s.view.scans_in += 2;
   s.view.warnings = {"the scans carry no time in the sweep: no deskew"};
-  s.view.processes["hp2_backend"]["counters"]["rejected_messages"] = 4;
+  s.view.processes["hp2_backend"]["counters"]["rejected"] = 4;
   const auto found = remarks(s);
   EXPECT_EQ(found.size(), 4U);
   EXPECT_THAT(found, ::testing::Contains(HasSubstr("2 scans that were played have no pose")));
   EXPECT_THAT(found, ::testing::Contains(HasSubstr("not finished")));
-  EXPECT_THAT(found, ::testing::Contains(HasSubstr("rejected_messages = 4")));
+  EXPECT_THAT(found, ::testing::Contains(HasSubstr("hp2_backend rejected 4 messages")));
   EXPECT_THAT(found, ::testing::Contains(HasSubstr("no deskew")));
 }
 
