@@ -21,7 +21,8 @@ constexpr std::uint32_t kStateVersion = 5;
 constexpr double kWellObserved = 0.03;
 // Below this one the state says so.
 constexpr double kDegenerate = 0.03;
-// So much larger is the covariance while the start's speed may be a wrong one that fits as well: from three Avia bridges.
+// So much larger is the covariance (a factor) while the start's speed may be a wrong one that fits as well:
+// from three Avia bridges.
 constexpr double kDoubtfulSpeed = 9.0;
 
 }  // namespace

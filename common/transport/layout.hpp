@@ -61,8 +61,8 @@ void walk(LayoutWalker& w, const trajectory_t*);
 /// Walks over scan_t up to the number of points.
 void walk_before_points(LayoutWalker& w);
 
-/// Whether bytes that nobody vouches for are one message of type T: its fingerprint, counts that the bytes bear out, none
-/// missing and none to spare.
+/// Whether bytes that nobody vouches for are one message of type T: its fingerprint, counts that the bytes
+/// bear out, none missing and none to spare.
 template <class T>
 bool has_layout(const std::uint8_t* data, std::size_t size) {
   constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
