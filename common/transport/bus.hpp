@@ -25,11 +25,16 @@ class Bus {
   virtual std::int64_t wall_us() const = 0;
   /// Datagrams of kPieceBytes that this process's receive buffer holds at once.
   virtual int receive_capacity() const = 0;
-  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer; also pieces of
-  /// scans, where passes_scans_over().
+  /// Each message on `channel` that begins with `type` names at `offset` who it is for: those with another `address`
+  /// need not reach this process.
+  virtual void set_address(const std::string& channel, std::uint64_t type, std::size_t offset,
+                           std::int64_t address) = 0;
+  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer; also messages for
+  /// others, where passes_over().
   virtual std::int64_t dropped() const = 0;
-  /// Whether pieces of scans are thrown away before this process sees them: it subscribes to none.
-  virtual bool passes_scans_over() const = 0;
+  /// Whether messages on channels that this process does not subscribe to, and those addressed to others, are thrown
+  /// away before it sees them.
+  virtual bool passes_over() const = 0;
 };
 
 /// Bytes of a message's piece: as much as LCM sends in one datagram (65499 bytes), with room for the headers.

@@ -20,40 +20,69 @@ constexpr std::uint32_t kShort = 0x4c433032, kLong = 0x4c433033;
 constexpr std::uint32_t kMostBytes = std::uint32_t{1} << 28;  // of a message, as LCM has it
 constexpr std::uint32_t kLongestName = 63;
 
-// Drops short messages on the channel `name`, and goes on after itself with any other.
-std::vector<sock_filter> skip_channel(const std::string& name) {
-  std::vector<sock_filter> p;
-  if (name.empty()) return p;
-  const auto size = static_cast<std::uint32_t>(name.size() + 1);  // with its zero
-  const std::uint32_t end = 2 * (size / 4 + size % 4) + 3;        // by words, and what is left by bytes
-  const auto out = [&p, end] { return static_cast<std::uint8_t>(end - p.size() - 1); };
-  p.push_back({BPF_LD | BPF_W | BPF_LEN, 0, 0, 0});
-  p.push_back({BPF_JMP | BPF_JGE | BPF_K, 0, out(), kShortChannel + size});
+using Program = std::vector<sock_filter>;
+
+// Bytes [at, at + value.size()) must be `value`, or the program goes on at its instruction `otherwise`.
+void expect(Program& p, std::uint32_t at, const std::string& value, std::size_t otherwise) {
+  const auto size = static_cast<std::uint32_t>(value.size());
   for (std::uint32_t i = 0; i < size;) {
     const std::uint32_t bytes = size - i >= 4 ? 4 : 1;
-    std::uint32_t value = 0;
-    for (std::uint32_t k = 0; k < bytes; ++k)
-      value = value << 8U | static_cast<std::uint8_t>(name.c_str()[i + k]);
+    std::uint32_t word = 0;
+    for (std::uint32_t k = 0; k < bytes; ++k) word = word << 8U | static_cast<std::uint8_t>(value[i + k]);
     const std::uint16_t width = bytes == 4 ? BPF_W : BPF_B;
-    p.push_back({static_cast<std::uint16_t>(BPF_LD | width | BPF_ABS), 0, 0, kShortChannel + i});
-    p.push_back({BPF_JMP | BPF_JEQ | BPF_K, 0, out(), value});
+    p.push_back({static_cast<std::uint16_t>(BPF_LD | width | BPF_ABS), 0, 0, at + i});
+    p.push_back({BPF_JMP | BPF_JEQ | BPF_K, 0, static_cast<std::uint8_t>(otherwise - p.size() - 1), word});
     i += bytes;
   }
-  p.push_back({BPF_RET | BPF_K, 0, 0, 0});
-  return p;
+}
+
+std::size_t instructions(std::size_t bytes) { return 2 * (bytes / 4 + bytes % 4); }
+
+// The datagram must have so many bytes, or the program goes on at its instruction `otherwise`.
+void expect_size(Program& p, std::size_t bytes, std::size_t otherwise) {
+  p.push_back({BPF_LD | BPF_W | BPF_LEN, 0, 0, 0});
+  p.push_back({BPF_JMP | BPF_JGE | BPF_K, 0, static_cast<std::uint8_t>(otherwise - p.size() - 1),
+               static_cast<std::uint32_t>(bytes)});
+}
+
+std::string big_endian(std::uint64_t value) {
+  std::string bytes;
+  for (int shift = 56; shift >= 0; shift -= 8) bytes.push_back(static_cast<char>(value >> shift & 0xFFU));
+  return bytes;
+}
+
+constexpr sock_filter kPass{BPF_RET | BPF_K, 0, 0, 0x7fffffff}, kThrowAway{BPF_RET | BPF_K, 0, 0, 0};
+
+// Passes a short message on `channel`, if it is for this process, and goes on after itself with any other.
+void pass_channel(Program& p, const std::string& channel, const WantedMessages::Addressed& addressed) {
+  const std::string name(channel.c_str(), channel.size() + 1);  // with its zero
+  const std::size_t message = kShortChannel + name.size();
+  const bool look = channel == addressed.channel;
+  const std::size_t pass = p.size() + 2 + instructions(name.size()) + (look ? 4 + 2 * instructions(8) : 0);
+  const std::size_t next = pass + 1;
+  expect_size(p, message, next);
+  expect(p, kShortChannel, name, next);
+  if (look) {  // what is no message of the type is for the process to refuse
+    expect_size(p, message + addressed.offset + 8, pass);
+    expect(p, static_cast<std::uint32_t>(message), big_endian(addressed.type), pass);
+    expect(p, static_cast<std::uint32_t>(message + addressed.offset),
+           big_endian(static_cast<std::uint64_t>(addressed.address)), pass - 1);
+    p.push_back({BPF_JMP | BPF_JA, 0, 0, 1});
+    p.push_back(kThrowAway);
+  }
+  p.push_back(kPass);
 }
 
 // A load past the end of the datagram ends the program with "drop".
-std::vector<sock_filter> program(const std::string& unwanted) {
+Program program(const WantedMessages& wanted) {
   constexpr std::uint16_t kLoad = BPF_LD | BPF_W | BPF_ABS, kLoadHalf = BPF_LD | BPF_H | BPF_ABS;
   constexpr std::uint16_t kEqual = BPF_JMP | BPF_JEQ | BPF_K;
-  const auto skip = skip_channel(unwanted);
-  const auto kScan = static_cast<std::uint32_t>(14 + skip.size());
-  const std::uint32_t kDrop = kScan + 2 * (kLongestName + 1), kAccept = kDrop + 1;
-  std::vector<sock_filter> p;
+  constexpr std::uint32_t kIsShort = 11, kScan = 15;
+  constexpr std::uint32_t kDrop = kScan + 2 * (kLongestName + 1), kAccept = kDrop + 1, kWanted = kAccept + 1;
+  Program p;
   const auto to = [&p](std::uint32_t target) { return static_cast<std::uint8_t>(target - p.size() - 1); };
   p.push_back({kLoad, 0, 0, kMagic});
-  p.push_back({kEqual, to(11), 0, kShort});
+  p.push_back({kEqual, to(kIsShort), 0, kShort});
   p.push_back({kEqual, 0, to(kDrop), kLong});
   p.push_back({kLoad, 0, 0, kSize});
   p.push_back({BPF_JMP | BPF_JGT | BPF_K, to(kDrop), 0, kMostBytes});
@@ -63,7 +92,7 @@ std::vector<sock_filter> program(const std::string& unwanted) {
   p.push_back({kLoadHalf, 0, 0, kFragments});
   p.push_back({kLoadHalf, 0, 0, kFragment});
   p.push_back({kEqual, to(kScan - 1), to(kAccept), 0});  // the first fragment has the channel's name
-  p.insert(p.end(), skip.begin(), skip.end());
+  p.push_back({BPF_JMP | BPF_JA, 0, 0, wanted.channels.empty() ? 0 : kWanted - kIsShort - 1});
   p.push_back({BPF_LDX | BPF_W | BPF_IMM, 0, 0, kShortChannel});
   p.push_back({BPF_JMP | BPF_JA, 0, 0, 1});
   p.push_back({BPF_LDX | BPF_W | BPF_IMM, 0, 0, kLongChannel});
@@ -71,8 +100,10 @@ std::vector<sock_filter> program(const std::string& unwanted) {
     p.push_back({BPF_LD | BPF_B | BPF_IND, 0, 0, i});
     p.push_back({kEqual, to(kAccept), 0, 0});
   }
-  p.push_back({BPF_RET | BPF_K, 0, 0, 0});
-  p.push_back({BPF_RET | BPF_K, 0, 0, 0x7fffffff});
+  p.push_back(kThrowAway);
+  p.push_back(kPass);
+  for (const auto& channel : wanted.channels) pass_channel(p, channel, wanted.addressed);
+  if (!wanted.channels.empty()) p.push_back(kThrowAway);
   return p;
 }
 
@@ -102,13 +133,13 @@ int socket_bound_to(int port) {
 
 }  // namespace
 
-bool DatagramFilter::attach(const std::string& url, const std::string& unwanted_channel) {
+bool DatagramFilter::attach(const std::string& url, const WantedMessages& wanted) {
   const int port = port_of(url);
   if (port <= 0) return false;
   fd_ = socket_bound_to(port);
   if (fd_ < 0) return false;
-  auto instructions = program(unwanted_channel);
-  const sock_fprog filter{static_cast<unsigned short>(instructions.size()), instructions.data()};
+  Program steps = program(wanted);
+  const sock_fprog filter{static_cast<unsigned short>(steps.size()), steps.data()};
   return ::setsockopt(fd_, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;
 }
 

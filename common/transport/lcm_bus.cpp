@@ -15,7 +15,6 @@
 #include <spdlog/spdlog.h>
 
 #include "common/error.hpp"
-#include "common/transport/channels.hpp"
 
 namespace hp2 {
 namespace {
@@ -116,8 +115,12 @@ void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_
     spdlog::warn("LCM's receiving socket was not found: malformed datagrams are not kept away from it");
   }
   lcm_->subscriptions.push_back(std::move(subscription));
-  wants_scans_ = wants_scans_ || channel == chunk_channel(kScanTopic);
-  if (wants_scans_ && passes_scans_over_) passes_scans_over_ = !filter_.attach(url_);
+  wanted_.channels.push_back(channel);
+  if (passes_over_) passes_over_ = filter_.attach(url_, wanted_);
+}
+
+void LcmBus::set_address(const std::string& channel, std::uint64_t type, std::size_t offset, std::int64_t address) {
+  wanted_.addressed = {channel, type, offset, address};
 }
 
 std::int64_t LcmBus::dropped() const { return filter_.dropped(); }
@@ -156,8 +159,8 @@ void LcmBus::run_jobs() {
 
 void LcmBus::run(const std::function<bool()>& tick) {
   constexpr std::int64_t kTickUs = 5'000;
-  if (!wants_scans_ && !lcm_->subscriptions.empty())  // by now all is subscribed to
-    passes_scans_over_ = filter_.attach(url_, chunk_channel(kScanTopic));
+  // By now all is subscribed to.
+  if (!lcm_->subscriptions.empty()) passes_over_ = filter_.attach(url_, wanted_);
   std::int64_t next_tick = now_us();
   while (true) {
     const std::int64_t now = now_us();

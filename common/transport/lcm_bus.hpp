@@ -31,8 +31,10 @@ class LcmBus : public Bus {
   std::int64_t now_us() const override;
   std::int64_t wall_us() const override;
   int receive_capacity() const override { return receive_capacity_; }
+  void set_address(const std::string& channel, std::uint64_t type, std::size_t offset,
+                   std::int64_t address) override;
   std::int64_t dropped() const override;
-  bool passes_scans_over() const override { return passes_scans_over_; }
+  bool passes_over() const override { return passes_over_; }
 
   /// The URL in use.
   const std::string& url() const { return url_; }
@@ -51,7 +53,8 @@ class LcmBus : public Bus {
   std::string url_;
   int receive_capacity_ = 2;
   DatagramFilter filter_;
-  bool wants_scans_ = false, passes_scans_over_ = false;
+  WantedMessages wanted_;
+  bool passes_over_ = false;  // what is not wanted
   std::exception_ptr error_;  // thrown by a subscriber
   std::unique_ptr<Lcm> lcm_;
   int wake_fd_ = -1;

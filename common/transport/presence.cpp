@@ -99,7 +99,7 @@ void Presence::poll(bool force) {
   if (!force && now - last_us_ < kPeriodUs) return;
   last_us_ = now;
   const Bus& bus = endpoint_.bus();
-  endpoint_.counters()[bus.passes_scans_over() ? "datagrams_passed_over" : "datagrams_dropped"] = bus.dropped();
+  endpoint_.counters()[bus.passes_over() ? "datagrams_passed_over" : "datagrams_dropped"] = bus.dropped();
   if (!history_.empty() && report_.done < history_.back().second) history_.clear();
   history_.emplace_back(now, report_.done);
   while (now - history_.front().first > kRateWindowUs) history_.pop_front();

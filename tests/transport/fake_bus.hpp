@@ -25,7 +25,9 @@ class FakeBus : public Bus {
   std::int64_t wall_us() const override { return now_us(); }
   int receive_capacity() const override;
   std::int64_t dropped() const override { return 0; }
-  bool passes_scans_over() const override { return false; }
+  void set_address(const std::string& /*channel*/, std::uint64_t /*type*/, std::size_t /*offset*/,
+                   std::int64_t /*address*/) override {}
+  bool passes_over() const override { return false; }
 
  private:
   friend class FakeNetwork;
