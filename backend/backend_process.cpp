@@ -37,7 +37,7 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
       reader_(options.session_folder, SessionStore::Access::kReadOnly),
       loader_(
           [this](std::int64_t id) {
-            return encode_submap({reader_.read_submap(id), {}, false}, worker_.session_id());
+            return EncodedMessage(encode_submap({reader_.read_submap(id), {}, false}, worker_.session_id()));
           },
           2, 1),
       control_(endpoint_, "hp2_backend",

@@ -10,6 +10,7 @@ namespace hp2 {
 namespace {
 
 constexpr std::size_t kMostParcels = 4;  // finished submaps that wait to be packed
+constexpr std::size_t kMostUsedUp = 4;   // registered scans whose memory is kept
 
 }  // namespace
 
@@ -93,9 +94,13 @@ void RegistrationWorker::decode_loop() {
     }
     const auto bytes = it->scan.bytes;
     const std::int64_t generation = generation_;
-    Scan used_up = std::move(used_up_);
+    Scan used_up;
+    if (!used_up_.empty()) {
+      used_up = std::move(used_up_.back());
+      used_up_.pop_back();
+    }
     lock.unlock();
-    auto scan = decode_scan(bytes->data(), bytes->size(), std::move(used_up));
+    auto scan = decode_scan(bytes->data(), bytes->size(), std::move(used_up), false);
     lock.lock();
     if (generation != generation_) continue;
     // Jobs are only taken from the front and only when decoded: the first undecoded one is still this one.
@@ -124,7 +129,7 @@ void RegistrationWorker::register_loop() {
     event.generation = generation;
     lock.lock();
     registering_ = false;
-    if (job.scan.scan) used_up_ = std::move(*job.scan.scan);
+    if (job.scan.scan && used_up_.size() < kMostUsedUp) used_up_.push_back(std::move(*job.scan.scan));
     if (generation == generation_) {
       for (auto& parcel : parcels) {
         parcel.generation = generation;

@@ -95,7 +95,7 @@ class RegistrationWorker {
   std::condition_variable to_decode_, to_register_, to_pack_, idle_;
   std::deque<Job> jobs_;  // in order; decoded ones may be registered
   std::deque<Parcel> parcels_;
-  Scan used_up_;  // the last registered scan, whose memory the next decoded one takes
+  std::vector<Scan> used_up_;  // registered scans, whose memory the next decoded ones take
   bool paused_ = false, stop_ = false, registering_ = false;
   std::int64_t generation_ = 0, session_id_ = 0;
   std::thread decoder_, registrar_, packer_;

@@ -1,6 +1,7 @@
 #include "player/file_io.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cerrno>
 #include <charconv>
@@ -11,6 +12,7 @@
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
+#include <utility>
 
 #include "common/error.hpp"
 
@@ -46,34 +48,63 @@ std::string lower(std::string s) {
 
 }  // namespace
 
-std::string_view FileBuffer::load(const std::string& path) {
+namespace {
+
+/// Opens `path` and tells its size.
+int open_regular(const std::string& path, std::size_t& size) {
   // O_NONBLOCK: opening a named pipe must not wait for its writer; it is refused below.
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.fd < 0)
     throw Error("cannot open the file (" + std::string(std::strerror(errno)) + ")", path,
                 "Check that it exists and may be read.");
   struct stat status {};
   if (::fstat(file.fd, &status) != 0 || !S_ISREG(status.st_mode))
     throw Error("not a regular file", path, "Give a data set's file.");
-  const auto size = static_cast<std::size_t>(status.st_size);
+  size = static_cast<std::size_t>(status.st_size);
   if (size > kMaxFileBytes)
     throw Error("the file is too large (" + std::to_string(size) + " bytes)", path,
                 "One scan or table may have at most " + std::to_string(kMaxFileBytes) + " bytes.");
-  if (size > capacity_ || !data_) {
-    capacity_ = std::max<std::size_t>(size + size / 8, 4096);
-    data_.reset(new char[capacity_]);
-  }
+  return std::exchange(file.fd, -1);
+}
+
+/// Reads `size` bytes; fewer if the file shrank since it was opened: what is left is what there is.
+std::size_t read_bytes(int fd, char* to, std::size_t size, const std::string& path) {
   std::size_t done = 0;
   while (done < size) {
-    const ssize_t n = ::read(file.fd, data_.get() + done, size - done);
+    const ssize_t n = ::read(fd, to + done, size - done);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0)
       throw Error("cannot read the file (" + std::string(std::strerror(errno)) + ")", path,
                   "Check the disk it lies on.");
-    if (n == 0) break;  // it shrank since fstat: what is left is what there is
+    if (n == 0) break;
     done += static_cast<std::size_t>(n);
   }
-  return {data_.get(), done};
+  return done;
+}
+
+}  // namespace
+
+std::string_view FileBuffer::load(const std::string& path) {
+  std::size_t size = 0;
+  const Descriptor file(open_regular(path, size));
+  if (size > capacity_ || !data_) {
+    capacity_ = std::max<std::size_t>(size + size / 8, 4096);
+    data_.reset(new char[capacity_]);
+  }
+  return {data_.get(), read_bytes(file.fd, data_.get(), size, path)};
+}
+
+FilePieces::FilePieces(const std::string& path)
+    : path_(path), fd_(open_regular(path, size_)), left_(size_) {}
+
+FilePieces::~FilePieces() { ::close(fd_); }
+
+std::string_view FilePieces::next() {
+  thread_local std::array<char, kPieceBytes> piece;
+  const std::size_t wanted = std::min(left_, kPieceBytes);
+  const std::size_t got = read_bytes(fd_, piece.data(), wanted, path_);
+  left_ = got < wanted ? 0 : left_ - got;
+  return {piece.data(), got};
 }
 
 PartFile::PartFile(const std::string& path) : path_(path) {

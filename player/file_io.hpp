@@ -25,6 +25,30 @@ class FileBuffer {
   std::size_t capacity_ = 0;
 };
 
+/// Bytes of one file, a piece at a time: small enough that it is still in the processor's cache when it is used.
+class FilePieces {
+ public:
+  static constexpr std::size_t kPieceBytes = std::size_t{1} << 16;
+
+  /// @throws Error as FileBuffer::load
+  explicit FilePieces(const std::string& path);
+  FilePieces(const FilePieces&) = delete;
+  FilePieces& operator=(const FilePieces&) = delete;
+  ~FilePieces();
+
+  /// Size when it was opened [bytes].
+  std::size_t size() const { return size_; }
+  /// The next kPieceBytes; fewer at the file's end, none after it. Valid until this thread reads another one.
+  /// @throws Error if the disk fails
+  std::string_view next();
+
+ private:
+  std::string path_;
+  std::size_t size_ = 0;
+  int fd_;
+  std::size_t left_;
+};
+
 /// A large file of which parts are read. Thread-safe.
 class PartFile {
  public:

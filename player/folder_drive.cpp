@@ -3,6 +3,7 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "common/error.hpp"
@@ -143,20 +144,32 @@ void set_generic_ground_truth(const Layout& layout, const std::vector<std::int64
 
 /// Reads ptimes/NAME.bin: float32, one a point.
 void read_ptimes(const std::string& path, Scan& scan) {
-  thread_local FileBuffer buffer;
-  const std::string_view bytes = buffer.load(path);
-  if (bytes.size() != scan.size() * sizeof(float))
+  FilePieces file(path);
+  const auto refuse_unless_fitting = [&](std::size_t bytes) {
+    if (bytes == scan.size() * sizeof(float)) return;
     throw Error(
-        "the times in the sweep do not fit the scan (" + std::to_string(bytes.size()) + " bytes for " +
+        "the times in the sweep do not fit the scan (" + std::to_string(bytes) + " bytes for " +
             std::to_string(scan.size()) + " points)",
         path,
         "It must hold one float32 in 0..1 for each point; without the folder ptimes/ there is no deskewing.");
+  };
+  refuse_unless_fitting(file.size());
   std::vector<float>& time = scan.time;
-  read_column({bytes.data(), sizeof(float), ScalarType::kFloat32, false}, scan.size(), time);
+  time.resize(scan.size());
+  std::size_t done = 0;
   int bad = 0;  // branch-free, so that the compiler makes vectors of it
-  for (const float t : time) bad |= static_cast<int>(!(std::abs(t) <= std::numeric_limits<float>::max()));
-  if (bad != 0) return time.clear();  // no time rather than a wrong one
-  for (float& t : time) t = std::min(std::max(t, 0.0F), 1.0F);
+  for (std::string_view piece = file.next(); !piece.empty(); piece = file.next()) {
+    float* const begin = time.data() + done / sizeof(float);
+    float* const end = begin + piece.size() / sizeof(float);
+    std::memcpy(begin, piece.data(), piece.size());
+    for (float* t = begin; t != end; ++t) {
+      bad |= static_cast<int>(!(std::abs(*t) <= std::numeric_limits<float>::max()));
+      *t = std::min(std::max(*t, 0.0F), 1.0F);
+    }
+    done += piece.size();
+  }
+  refuse_unless_fitting(done);
+  if (bad != 0) time.clear();  // no time rather than a wrong one
 }
 
 }  // namespace

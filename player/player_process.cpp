@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 
 #include <spdlog/spdlog.h>
 
@@ -37,7 +38,9 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
           [&source](std::int64_t id) {
             thread_local Scan scan;  // its memory is used for the next one
             scan = source.read(static_cast<std::size_t>(id), std::move(scan));
-            return encode_scan(scan);
+            std::uint32_t crc = 0;
+            ByteVector bytes = encode_scan(scan, &crc);
+            return EncodedMessage(std::move(bytes), crc);
           },
           options.ahead, options.threads),
       outbox_(endpoint_, kScanTopic, [this](std::int64_t id) { return loader_.get(id); }),

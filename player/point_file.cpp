@@ -28,21 +28,26 @@ void move_points(PointFile& file, Scan& scan) {
   std::swap(scan.intensity, file.scan.intensity);
 }
 
-void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {
-  constexpr std::size_t kRecord = 4 * sizeof(float);
-  if (bytes.size() % kRecord != 0)
-    throw Error("the scan is truncated (" + std::to_string(bytes.size()) + " bytes are no multiple of 16)",
-                path, "Copy the file again; a .bin scan is float32 x y z intensity.");
-  const std::size_t n = bytes.size() / kRecord;
-  Scan& scan = out.scan;
-  scan.x.resize(n);
-  scan.y.resize(n);
-  scan.z.resize(n);
-  scan.intensity.resize(n);
+namespace {
+
+constexpr std::size_t kRecord = 4 * sizeof(float);  // of a .bin file
+static_assert(FilePieces::kPieceBytes % kRecord == 0, "a record lies in one piece");
+
+// Makes room for the points of a .bin file.
+void make_room(std::size_t bytes, const std::string& path, PointFile& out) {
+  if (bytes % kRecord != 0)
+    throw Error("the scan is truncated (" + std::to_string(bytes) + " bytes are no multiple of 16)", path,
+                "Copy the file again; a .bin scan is float32 x y z intensity.");
+  for (auto* axis : {&out.scan.x, &out.scan.y, &out.scan.z, &out.scan.intensity}) axis->resize(bytes / kRecord);
   out.raw_time.clear();
+}
+
+// Points [begin, begin + bytes / 16), for which there is room.
+void parse_records(std::string_view bytes, std::size_t begin, Scan& scan) {
+  const std::size_t n = bytes.size() / kRecord;
   const char* __restrict from = bytes.data();  // that nothing overlaps lets the compiler make vectors of it
-  float *__restrict x = scan.x.data(), *__restrict y = scan.y.data(), *__restrict z = scan.z.data(),
-                    *__restrict intensity = scan.intensity.data();
+  float *__restrict x = scan.x.data() + begin, *__restrict y = scan.y.data() + begin,
+                    *__restrict z = scan.z.data() + begin, *__restrict intensity = scan.intensity.data() + begin;
   for (std::size_t i = 0; i < n; ++i, from += kRecord) {
     std::memcpy(x + i, from, sizeof(float));
     std::memcpy(y + i, from + 4, sizeof(float));
@@ -51,13 +56,31 @@ void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) 
   }
 }
 
+void read_bin(const std::string& path, PointFile& out) {
+  FilePieces file(path);
+  make_room(file.size(), path, out);
+  std::size_t done = 0;
+  for (std::string_view piece = file.next(); !piece.empty(); piece = file.next()) {
+    parse_records(piece, done / kRecord, out.scan);
+    done += piece.size();
+  }
+  if (done != file.size()) make_room(done, path, out);  // it shrank meanwhile
+}
+
+}  // namespace
+
+void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {
+  make_room(bytes.size(), path, out);
+  parse_records(bytes, 0, out.scan);
+}
+
 void read_point_file(const std::string& path, PointFile& out) {
-  thread_local FileBuffer buffer;  // kept from scan to scan: no allocation in steady state
-  const std::string_view bytes = buffer.load(path);
   const std::size_t dot = path.rfind('.');
   std::string extension = dot == std::string::npos ? "" : path.substr(dot);
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  if (extension == ".bin") return parse_bin(bytes, path, out);
+  if (extension == ".bin") return read_bin(path, out);
+  thread_local FileBuffer buffer;  // kept from scan to scan: no allocation in steady state
+  const std::string_view bytes = buffer.load(path);
   if (bytes.empty()) {  // a scan of no points, whatever its kind
     out = PointFile{};
     return;

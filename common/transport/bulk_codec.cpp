@@ -1,9 +1,11 @@
 #include "common/transport/bulk_codec.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <utility>
 
 #include "common/transport/convert_checks.hpp"
+#include "common/transport/crc32.hpp"
 
 namespace hp2 {
 namespace {
@@ -31,15 +33,34 @@ void copy_swapped(const void* from, std::size_t words, void* to) {
   }
 }
 
-void put_word(std::uint32_t value, std::uint8_t*& to) {
-  copy_swapped(&value, 1, to);
-  to += kWord;
-}
+// Writes the words of a message one after another and sums them.
+class SummedWords {
+ public:
+  // After the bytes [begin, to).
+  SummedWords(const std::uint8_t* begin, std::uint8_t* to)
+      : to_(to), crc_(crc32(begin, static_cast<std::size_t>(to - begin))) {}
 
-void put_floats(const std::vector<float>& values, std::uint8_t*& to) {
-  copy_swapped(values.data(), values.size(), to);
-  to += kWord * values.size();
-}
+  void put(std::uint32_t value) { put(&value, 1); }
+  void put(const std::vector<float>& values) {
+    for (std::size_t i = 0; i < values.size(); i += kSlice)
+      put(values.data() + i, std::min(kSlice, values.size() - i));
+  }
+  std::uint32_t crc() const { return crc_; }
+
+ private:
+  static constexpr std::size_t kSlice = 2048;  // words that are in the first cache when they are summed
+
+  void put(const void* from, std::size_t words) {
+    copy_swapped(from, words, to_);
+    crc_ = crc32(to_, kWord * words, crc_);
+    to_ += kWord * words;
+  }
+
+  std::uint8_t* to_;
+  std::uint32_t crc_;
+};
+
+void put_word(std::uint32_t value, std::uint8_t* to) { copy_swapped(&value, 1, to); }
 
 std::size_t take_count(const std::uint8_t*& from) {
   std::uint32_t count = 0;
@@ -57,7 +78,7 @@ void take_floats(std::size_t n, const std::uint8_t*& from, std::vector<float>& v
 }  // namespace
 
 // lcm-gen encodes the fields before the arrays, as a scan without points.
-ByteVector encode_scan(const Scan& scan) {
+ByteVector encode_scan(const Scan& scan, std::uint32_t* crc) {
   scan_t m{};
   m.utime = scan.utime;
   m.duration = scan.duration_us;
@@ -68,17 +89,18 @@ ByteVector encode_scan(const Scan& scan) {
   const auto empty_size = static_cast<std::size_t>(m.getEncodedSize());
   ByteVector bytes(empty_size + kWord * (3 * scan.size() + scan.intensity.size() + scan.time.size()));
   m.encode(bytes.data(), 0, static_cast<int>(empty_size));
-  std::uint8_t* to = bytes.data() + empty_size - 3 * kWord;
-  put_word(static_cast<std::uint32_t>(scan.size()), to);
-  for (const auto* axis : {&scan.x, &scan.y, &scan.z}) put_floats(*axis, to);
+  SummedWords out(bytes.data(), bytes.data() + empty_size - 3 * kWord);
+  out.put(static_cast<std::uint32_t>(scan.size()));
+  for (const auto* axis : {&scan.x, &scan.y, &scan.z}) out.put(*axis);
   for (const auto* extra : {&scan.intensity, &scan.time}) {
-    put_word(static_cast<std::uint32_t>(extra->size()), to);
-    put_floats(*extra, to);
+    out.put(static_cast<std::uint32_t>(extra->size()));
+    out.put(*extra);
   }
+  if (crc != nullptr) *crc = out.crc();
   return bytes;
 }
 
-std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up) {
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up, bool intensity) {
   if (!has_layout<scan_t>(data, size)) return std::nullopt;
   LayoutWalker walker(data + kFingerprint, size - kFingerprint);
   walk_before_points(walker);
@@ -103,7 +125,12 @@ std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan
   for (auto* extra : {&scan.intensity, &scan.time}) {
     const std::size_t n_extra = take_count(from);
     if (n_extra != 0 && n_extra != n) return std::nullopt;
-    take_floats(n_extra, from, *extra);
+    if (extra == &scan.intensity && !intensity) {
+      scan.intensity.clear();
+      from += kWord * n_extra;
+    } else {
+      take_floats(n_extra, from, *extra);
+    }
   }
   return scan;
 }
@@ -115,8 +142,7 @@ ByteVector encode_chunk_head(const chunk_t& chunk) {
   m.data.clear();
   ByteVector head(chunk_head_size());
   m.encode(head.data(), 0, static_cast<int>(head.size()));
-  std::uint8_t* to = head.data() + head.size() - kWord;
-  put_word(static_cast<std::uint32_t>(chunk.size), to);
+  put_word(static_cast<std::uint32_t>(chunk.size), head.data() + head.size() - kWord);
   return head;
 }
 

@@ -13,11 +13,14 @@ namespace hp2 {
 inline constexpr std::size_t kMaxScanPoints = 4'000'000;
 
 /// A scan as scan_t for session 0 ("whichever the receiver runs").
-ByteVector encode_scan(const Scan& scan);
-/// @param used_up a scan that nobody needs any more: its memory is used again
+/// @param crc takes the bytes' CRC-32 if it is not null, summed while they are in the processor's cache
+ByteVector encode_scan(const Scan& scan, std::uint32_t* crc = nullptr);
+/// @param used_up   a scan that nobody needs any more: its memory is used again
+/// @param intensity whether the points' intensities are taken along
 /// @return nothing for bytes that are no scan_t, whose arrays do not fit together, whose times are out of
 /// this world
-std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up = {});
+std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up = {},
+                                bool intensity = true);
 
 /// What comes before the bytes of an encoded chunk_t; `chunk.data` does not matter, `chunk.size` does.
 ByteVector encode_chunk_head(const chunk_t& chunk);

@@ -8,6 +8,9 @@
 namespace hp2 {
 
 /// CRC-32 as zlib's crc32() computes it.
-inline std::uint32_t crc32(const void* data, std::size_t size) { return libdeflate_crc32(0, data, size); }
+/// @param before of the bytes before `data`
+inline std::uint32_t crc32(const void* data, std::size_t size, std::uint32_t before = 0) {
+  return libdeflate_crc32(before, data, size);
+}
 
 }  // namespace hp2

@@ -1,14 +1,12 @@
 #include "common/transport/inbox.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <iterator>
 #include <utility>
 
 #include <spdlog/spdlog.h>
 
 #include "common/transport/channels.hpp"
-#include "common/transport/crc32.hpp"
 
 namespace hp2 {
 namespace {
@@ -112,24 +110,13 @@ void Inbox::on_chunk(const std::uint8_t* data, std::size_t size) {
 
 bool Inbox::take_piece(Assembly& a, const ChunkView& view) {
   const chunk_t& chunk = view.fields;
-  const auto crc = static_cast<std::uint32_t>(chunk.crc32);
-  const bool same = a.known && a.crc == crc && a.bytes->size() == static_cast<std::size_t>(chunk.total_size) &&
-                    a.pieces.size() == static_cast<std::size_t>(chunk.count) &&
-                    a.sender_id == chunk.sender_id;
-  if (a.known && !same && a.sender_id == chunk.sender_id && whole(a)) return false;
-  if (!same) {  // the first piece, or another edition of the message after its owner was restarted
-    const bool first_asked = !a.known && a.pieces[0].state == Piece::State::kAsked;
-    const Piece first = a.pieces[0];
+  const bool same = a.same_edition(chunk);
+  if (a.known && !same && a.sender_id == chunk.sender_id && a.whole()) return false;
+  if (!same) {
     if (a.known) forget_asked(a);
-    a.pieces.assign(static_cast<std::size_t>(chunk.count), Piece{});
-    if (first_asked) a.pieces[0] = first;
-    a.known = true;
-    a.crc = crc;
-    a.sender_id = chunk.sender_id;
-    a.have = a.have_bytes = 0;
-    a.bytes = std::make_shared<ByteVector>(static_cast<std::size_t>(chunk.total_size));
+    a.begin(chunk);
   }
-  Piece& piece = a.pieces[static_cast<std::size_t>(chunk.index)];
+  const Piece& piece = a.pieces[static_cast<std::size_t>(chunk.index)];
   if (piece.state == Piece::State::kHave) {
     ++endpoint_.counters()["duplicates"];
     return false;
@@ -139,11 +126,8 @@ bool Inbox::take_piece(Assembly& a, const ChunkView& view) {
     endpoint_.piece_settled();
     endpoint_.window_success();
   }
-  piece.state = Piece::State::kHave;
   a.touched_us = endpoint_.bus().now_us();
-  ++a.have;
-  a.have_bytes += view.size;
-  std::memcpy(a.bytes->data() + chunk.offset, view.data, view.size);
+  a.take(view);
   if (asked) {
     for (auto& entry : assemblies_) {
       if (!entry.second.known) continue;
@@ -159,7 +143,7 @@ bool Inbox::take_piece(Assembly& a, const ChunkView& view) {
 }
 
 bool Inbox::intact(const Assembly& a) {
-  if (a.have_bytes == a.bytes->size() && crc32(a.bytes->data(), a.bytes->size()) == a.crc) return true;
+  if (a.intact()) return true;
   endpoint_.reject(chunk_channel(options_.topic),
                    "the checksum of message " + std::to_string(a.id) + " is wrong");
   return false;
@@ -191,7 +175,7 @@ void Inbox::release_unasked() {
     const auto next = std::next(it);
     Assembly& a = it->second;
     const bool newer_waits = next != unasked_.end() && next->first.first == a.sender_id;
-    if (whole(a)) {
+    if (a.whole()) {
       Delivery delivery{a.id, a.bytes, a.sender_id};
       const bool good = intact(a);
       unasked_.erase(it);
@@ -224,7 +208,7 @@ void Inbox::drop(std::map<std::int64_t, Assembly>::iterator at) {
 void Inbox::deliver_ready() {
   while (true) {
     const auto it = assemblies_.find(next_);
-    if (it == assemblies_.end() || !whole(it->second)) return;
+    if (it == assemblies_.end() || !it->second.whole()) return;
     if (!intact(it->second)) return drop(it);
     Delivery delivery{it->first, std::move(it->second.bytes), it->second.sender_id};
     drop(it);

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "common/transport/assembly.hpp"
 #include "common/transport/endpoint.hpp"
 
 namespace hp2 {
@@ -72,30 +73,10 @@ class Inbox {
   void poll();
 
  private:
-  struct Piece {
-    enum class State : std::uint8_t { kMissing, kAsked, kHave } state = State::kMissing;
-    std::uint8_t tries = 0;
-    std::int64_t asked_us = 0;
-    std::int64_t ask_number = 0;
-  };
-  /// A message whose pieces are coming in.
-  struct Assembly {
-    std::int64_t id = 0, sender_id = 0;
-    std::uint32_t crc = 0;
-    std::vector<Piece> pieces{1};  // until the count is known: piece 0
-    bool known = false;            // count, size and crc
-    std::size_t have = 0, have_bytes = 0;
-    std::int64_t touched_us = 0;
-    std::shared_ptr<ByteVector> bytes;  // memory is touched only as far as pieces arrive
-  };
-
   void on_chunk(const std::uint8_t* data, std::size_t size);
   bool take_piece(Assembly& assembly, const ChunkView& piece);
   void take_unasked(const ChunkView& piece);
   void release_unasked();
-  bool whole(const Assembly& assembly) const {
-    return assembly.known && assembly.have == assembly.pieces.size();
-  }
   bool intact(const Assembly& assembly);
   void drop(std::map<std::int64_t, Assembly>::iterator at);
   void forget_asked(Assembly& assembly);

@@ -21,7 +21,7 @@ namespace hp2 {
 class MessageLoader {
  public:
   /// Makes message `id`. Called by several threads at once; may throw.
-  using Load = std::function<ByteVector(std::int64_t id)>;
+  using Load = std::function<EncodedMessage(std::int64_t id)>;
 
   /// @param ahead   messages kept ready after the one asked for last
   /// @param threads worker threads, at least 1

@@ -17,9 +17,13 @@ constexpr int kUnaskedPiecesATick = 2;
 
 }  // namespace
 
-EncodedMessage::EncodedMessage(ByteVector encoded)
+EncodedMessage::EncodedMessage(ByteVector encoded) : EncodedMessage(std::move(encoded), 0) {
+  crc = crc32(bytes.data(), bytes.size());
+}
+
+EncodedMessage::EncodedMessage(ByteVector encoded, std::uint32_t sum)
     : bytes(std::move(encoded)),
-      crc(crc32(bytes.data(), bytes.size())),
+      crc(sum),
       pieces(std::max(1, static_cast<int>((bytes.size() + kPieceBytes - 1) / kPieceBytes))),
       sent(static_cast<std::size_t>(pieces), false) {}
 

@@ -14,6 +14,8 @@ namespace hp2 {
 /// The bytes of a message, ready to be cut into pieces.
 struct EncodedMessage {
   explicit EncodedMessage(ByteVector encoded);
+  /// @param sum CRC-32 of the bytes
+  EncodedMessage(ByteVector encoded, std::uint32_t sum);
   ByteVector bytes;
   std::uint32_t crc = 0;
   int pieces = 1;
