@@ -3,14 +3,10 @@
 #include <cstddef>
 #include <cstdint>
 
-#include <libdeflate.h>
-
 namespace hp2 {
 
 /// CRC-32 as zlib's crc32() computes it.
 /// @param before of the bytes before `data`
-inline std::uint32_t crc32(const void* data, std::size_t size, std::uint32_t before = 0) {
-  return libdeflate_crc32(before, data, size);
-}
+std::uint32_t crc32(const void* data, std::size_t size, std::uint32_t before = 0);
 
 }  // namespace hp2

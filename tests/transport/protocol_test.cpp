@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include "common/transport/channels.hpp"
-#include "common/transport/crc32.hpp"
 #include "common/transport/inbox.hpp"
 #include "common/transport/outbox.hpp"
 #include "tests/transport/fake_bus.hpp"
@@ -67,13 +66,6 @@ void run(FakeNetwork& network, int steps, Parties&... parties) {
     (parties.endpoint.poll(), ...);
     network.step(1000);
   }
-}
-
-TEST(Crc32, IsZlibs) {
-  EXPECT_EQ(crc32("123456789", 9), 0xCBF43926U);
-  EXPECT_EQ(crc32("", 0), 0U);
-  const std::string fox = "The quick brown fox jumps over the lazy dog";
-  EXPECT_EQ(crc32(fox.data(), fox.size()), 0x414FA339U);
 }
 
 /// Of receive buffers of several sizes [large datagrams].
