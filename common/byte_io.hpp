@@ -31,6 +31,9 @@ class ByteWriter {
     const auto* p = reinterpret_cast<const std::uint8_t*>(m.data());
     bytes_.insert(bytes_.end(), p, p + sizeof(T) * R * C);
   }
+  void put(const std::uint8_t* bytes, std::size_t size) { bytes_.insert(bytes_.end(), bytes, bytes + size); }
+  /// So many bytes more will come.
+  void reserve(std::size_t size) { bytes_.reserve(bytes_.size() + size); }
   void put(const Pose& pose) {
     put(pose.translation);
     put(Eigen::Vector4d(pose.rotation.coeffs()));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "frontend/local_map_blocks.hpp"
 
@@ -243,11 +244,20 @@ void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {
 }
 
 void LocalMap::save(ByteWriter& out) const {
+  constexpr std::size_t kHead = sizeof(Voxel3i) + sizeof(std::int32_t), kPoint = sizeof(Eigen::Vector3f);
+  out.reserve(sizeof(std::uint64_t) + voxel_count() * kHead + point_count_ * kPoint);
   out.put(static_cast<std::uint64_t>(voxel_count()));
+  std::vector<std::uint8_t> bytes(kHead + capacity_ * kPoint);  // of a voxel
   for_each_voxel([&](std::int32_t i) {
-    out.put(voxels_[static_cast<std::size_t>(i)].coordinates);
-    out.put(count(i));
-    for (std::int32_t s = 0; s < count(i); ++s) out.put(point_offset(i, s));
+    const std::int32_t n = count(i);
+    std::memcpy(bytes.data(), voxels_[static_cast<std::size_t>(i)].coordinates.data(), sizeof(Voxel3i));
+    std::memcpy(bytes.data() + sizeof(Voxel3i), &n, sizeof n);
+    std::uint8_t* to = bytes.data() + kHead;
+    for (std::int32_t s = 0; s < n; ++s, to += kPoint) {
+      const Eigen::Vector3f offset = point_offset(i, s);
+      std::memcpy(to, offset.data(), kPoint);
+    }
+    out.put(bytes.data(), static_cast<std::size_t>(to - bytes.data()));
   });
 }
 
