@@ -4,6 +4,10 @@
 #include <cstring>
 #include <utility>
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 #include "common/transport/convert_checks.hpp"
 #include "common/transport/crc32.hpp"
 
@@ -12,13 +16,31 @@ namespace {
 
 constexpr std::size_t kWord = 4, kFingerprint = 8;
 
-// Words of 4 bytes with their bytes the other way round (LCM's numbers are big-endian), four at a time: portable
-// vectors, for which no x86-64 processor is too old.
+#if defined(__x86_64__)
+// As many words as fill vectors of eight, where the processor has them; how many that were.
+__attribute__((target("avx2"))) std::size_t copy_swapped_by_8(const std::uint8_t* in, std::size_t words,
+                                                              std::uint8_t* out) {
+  const __m256i order = _mm256_broadcastsi128_si256(
+      _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12));
+  std::size_t i = 0;
+  for (; i + 8 <= words; i += 8) {
+    const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(in + kWord * i));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(out + kWord * i), _mm256_shuffle_epi8(v, order));
+  }
+  return i;
+}
+#endif
+
+// Words of 4 bytes with their bytes the other way round (LCM's numbers are big-endian).
 void copy_swapped(const void* from, std::size_t words, void* to) {
-  using Word4 = std::uint32_t __attribute__((vector_size(16)));
+  using Word4 = std::uint32_t __attribute__((vector_size(16)));  // portable: no processor is too old
   const auto* in = static_cast<const std::uint8_t*>(from);
   auto* out = static_cast<std::uint8_t*>(to);
   std::size_t i = 0;
+#if defined(__x86_64__)
+  static const bool by_8 = __builtin_cpu_supports("avx2") != 0;
+  if (by_8) i = copy_swapped_by_8(in, words, out);
+#endif
   for (; i + 4 <= words; i += 4) {
     Word4 v;
     std::memcpy(&v, in + kWord * i, sizeof(v));

@@ -22,17 +22,18 @@ constexpr std::uint32_t kLongestName = 63;
 
 using Program = std::vector<sock_filter>;
 
-// Bytes [at, at + value.size()) must be `value`, or the program goes on at its instruction `otherwise`.
+// Bytes [at, at + value.size()) must be `value`, or the program goes on at its instruction `otherwise`. The last ones
+// first: names begin alike, and a look into a datagram takes the kernel its time.
 void expect(Program& p, std::uint32_t at, const std::string& value, std::size_t otherwise) {
   const auto size = static_cast<std::uint32_t>(value.size());
-  for (std::uint32_t i = 0; i < size;) {
-    const std::uint32_t bytes = size - i >= 4 ? 4 : 1;
+  for (std::uint32_t end = size; end > 0;) {
+    const std::uint32_t bytes = end % 4 == 0 ? 4 : 1;
+    end -= bytes;
     std::uint32_t word = 0;
-    for (std::uint32_t k = 0; k < bytes; ++k) word = word << 8U | static_cast<std::uint8_t>(value[i + k]);
+    for (std::uint32_t k = 0; k < bytes; ++k) word = word << 8U | static_cast<std::uint8_t>(value[end + k]);
     const std::uint16_t width = bytes == 4 ? BPF_W : BPF_B;
-    p.push_back({static_cast<std::uint16_t>(BPF_LD | width | BPF_ABS), 0, 0, at + i});
+    p.push_back({static_cast<std::uint16_t>(BPF_LD | width | BPF_ABS), 0, 0, at + end});
     p.push_back({BPF_JMP | BPF_JEQ | BPF_K, 0, static_cast<std::uint8_t>(otherwise - p.size() - 1), word});
-    i += bytes;
   }
 }
 

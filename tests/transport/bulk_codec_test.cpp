@@ -3,6 +3,7 @@
 #include <cstring>
 #include <limits>
 #include <random>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -13,6 +14,34 @@
 
 namespace hp2 {
 namespace {
+
+TEST(Crc32, IsZlibs) {
+  EXPECT_EQ(crc32("123456789", 9), 0xCBF43926U);
+  EXPECT_EQ(crc32("", 0), 0U);
+  const std::string fox = "The quick brown fox jumps over the lazy dog";
+  EXPECT_EQ(crc32(fox.data(), fox.size()), 0x414FA339U);
+}
+
+// Long ones are folded; bit by bit is what zlib's sum is defined by.
+TEST(Crc32, IsTheSameOfLongDataInPieces) {
+  const auto slow = [](const std::uint8_t* data, std::size_t size) {
+    std::uint32_t crc = ~0U;
+    for (std::size_t i = 0; i < size; ++i) {
+      crc ^= data[i];
+      for (int bit = 0; bit < 8; ++bit) crc = crc >> 1U ^ ((crc & 1U) != 0 ? 0xEDB88320U : 0U);
+    }
+    return ~crc;
+  };
+  std::mt19937 rng(4);
+  std::vector<std::uint8_t> data(5000);
+  for (auto& b : data) b = static_cast<std::uint8_t>(rng());
+  for (std::size_t size = 0; size < data.size(); size += 1 + rng() % 60) {
+    const std::uint32_t expected = slow(data.data() + 1, size);
+    ASSERT_EQ(crc32(data.data() + 1, size), expected) << size;
+    const std::size_t cut = size == 0 ? 0 : rng() % size;
+    ASSERT_EQ(crc32(data.data() + 1 + cut, size - cut, crc32(data.data() + 1, cut)), expected) << size << ' ' << cut;
+  }
+}
 
 TEST(BulkCodec, ScansComeBackAsTheyWere) {
   Scan scan;
@@ -37,7 +66,7 @@ TEST(BulkCodec, ScansComeBackAsTheyWere) {
   EXPECT_EQ(std::memcmp(back->x.data(), scan.x.data(), 12), 0) << "bits of a NaN, too";
 }
 
-// Every length of the arrays, as they are copied four words at a time; a long one, as they are summed by slices.
+// Every length of the arrays, as they are copied by four and eight words; a long one, as they are summed by slices.
 TEST(BulkCodec, ScansAndPiecesAreTheBytesOfTheirTypes) {
   std::mt19937 rng(9);
   const auto numbers = [&rng](std::size_t n) {
@@ -46,7 +75,7 @@ TEST(BulkCodec, ScansAndPiecesAreTheBytesOfTheirTypes) {
     return v;
   };
   Scan used_up;  // the scan of another length, with other arrays, whose memory each one takes
-  for (const std::size_t n : {9U, 0U, 4U, 1U, 8U, 3U, 2U, 7U, 5000U, 6U, 5U}) {
+  for (const std::size_t n : {9U, 0U, 4U, 1U, 8U, 3U, 2U, 7U, 11U, 5000U, 6U, 5U}) {
     Scan scan;
     scan.sequence = 7;
     scan.utime = 1'600'000'000'000'000;
