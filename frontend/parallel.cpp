@@ -109,6 +109,7 @@ struct WorkerPool::Impl {
       const auto since = Clock::now();
       while (idle() && Clock::now() - since < kAwake) {
         for (int i = 0; i < kPausesALook && idle(); ++i) pause();
+        if (idle()) std::this_thread::yield();  // whoever has work goes first
       }
       if (!idle()) continue;
       std::unique_lock<std::mutex> lock(mutex);
