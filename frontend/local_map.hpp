@@ -114,8 +114,11 @@ class LocalMap {
   NearestPoint nearest(const Probe& query, float margin_m) const;
   NearestPoint nearest(const VoxelPoint& query) const {
     Cursor cursor;
+    return nearest(query, cursor);
+  }
+  NearestPoint nearest(const VoxelPoint& query, Cursor& cursor) const {
     Probe p = probe(query, cursor);
-    look_around(p);
+    if (lines_per_voxel_ == 1) look_around(p);  // of no use for larger voxels
     return nearest(p, 0.0F);
   }
 
