@@ -16,8 +16,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr auto kAwake = std::chrono::microseconds(30);  // a worker without work, before it sleeps
-constexpr int kPausesALook = 64;                         // between two looks at the clock
-constexpr std::uint64_t kLeft = 0xFFFFFFFFU;             // bits of Impl::state that count blocks
+constexpr int kPausesALook = 64;                        // between two looks at the clock
+constexpr std::uint64_t kLeft = 0xFFFFFFFFU;            // bits of Impl::state that count blocks
 
 thread_local bool inside_a_block = false;
 

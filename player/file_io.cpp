@@ -94,8 +94,7 @@ std::string_view FileBuffer::load(const std::string& path) {
   return {data_.get(), read_bytes(file.fd, data_.get(), size, path)};
 }
 
-FilePieces::FilePieces(const std::string& path)
-    : path_(path), fd_(open_regular(path, size_)), left_(size_) {}
+FilePieces::FilePieces(const std::string& path) : path_(path), fd_(open_regular(path, size_)), left_(size_) {}
 
 FilePieces::~FilePieces() { ::close(fd_); }
 

@@ -25,7 +25,8 @@ class FileBuffer {
   std::size_t capacity_ = 0;
 };
 
-/// Bytes of one file, a piece at a time: small enough that it is still in the processor's cache when it is used.
+/// Bytes of one file, a piece at a time: small enough that it is still in the processor's cache when it is
+/// used.
 class FilePieces {
  public:
   static constexpr std::size_t kPieceBytes = std::size_t{1} << 16;

@@ -38,7 +38,8 @@ void make_room(std::size_t bytes, const std::string& path, PointFile& out) {
   if (bytes % kRecord != 0)
     throw Error("the scan is truncated (" + std::to_string(bytes) + " bytes are no multiple of 16)", path,
                 "Copy the file again; a .bin scan is float32 x y z intensity.");
-  for (auto* axis : {&out.scan.x, &out.scan.y, &out.scan.z, &out.scan.intensity}) axis->resize(bytes / kRecord);
+  for (auto* axis : {&out.scan.x, &out.scan.y, &out.scan.z, &out.scan.intensity})
+    axis->resize(bytes / kRecord);
   out.raw_time.clear();
 }
 

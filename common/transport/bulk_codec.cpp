@@ -20,8 +20,8 @@ constexpr std::size_t kWord = 4, kFingerprint = 8;
 // As many words as fill vectors of eight, where the processor has them; how many that were.
 __attribute__((target("avx2"))) std::size_t copy_swapped_by_8(const std::uint8_t* in, std::size_t words,
                                                               std::uint8_t* out) {
-  const __m256i order = _mm256_broadcastsi128_si256(
-      _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12));
+  const __m256i order =
+      _mm256_broadcastsi128_si256(_mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12));
   std::size_t i = 0;
   for (; i + 8 <= words; i += 8) {
     const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(in + kWord * i));

@@ -1,5 +1,5 @@
-// Encoding and decoding of the two message types that carry a sensor's megabytes: scan_t and chunk_t. The bytes are
-// lcm-gen's; its own code goes through a scan float by float and copies a piece's bytes twice.
+// Encoding and decoding of the two message types that carry a sensor's megabytes: scan_t and chunk_t. The
+// bytes are lcm-gen's; its own code goes through a scan float by float and copies a piece's bytes twice.
 #pragma once
 #include <optional>
 

@@ -25,15 +25,15 @@ class Bus {
   virtual std::int64_t wall_us() const = 0;
   /// Datagrams of kPieceBytes that this process's receive buffer holds at once.
   virtual int receive_capacity() const = 0;
-  /// Each message on `channel` that begins with `type` names at `offset` who it is for: those with another `address`
-  /// need not reach this process.
+  /// Each message on `channel` that begins with `type` names at `offset` who it is for: those with another
+  /// `address` need not reach this process.
   virtual void set_address(const std::string& channel, std::uint64_t type, std::size_t offset,
                            std::int64_t address) = 0;
-  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer; also messages for
-  /// others, where passes_over().
+  /// Datagrams that came to this process and were malformed, or found no room in its receive buffer; also
+  /// messages for others, where passes_over().
   virtual std::int64_t dropped() const = 0;
-  /// Whether messages on channels that this process does not subscribe to, and those addressed to others, are thrown
-  /// away before it sees them.
+  /// Whether messages on channels that this process does not subscribe to, and those addressed to others, are
+  /// thrown away before it sees them.
   virtual bool passes_over() const = 0;
 };
 

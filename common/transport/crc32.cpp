@@ -12,9 +12,9 @@ namespace {
 #if defined(__x86_64__)
 constexpr std::size_t kFold = 256;  // bytes
 
-// Folds all of the data (a multiple of kFold bytes) into the last kFold bytes' place, which have the same CRC then.
-// libdeflate 1.14 multiplies 16 bytes at a time; this four times as wide, and four of them (Gopal et al., "Fast CRC
-// Computation for Generic Polynomials Using PCLMULQDQ Instruction", 2009).
+// Folds all of the data (a multiple of kFold bytes) into the last kFold bytes' place, which have the same CRC
+// then. libdeflate 1.14 multiplies 16 bytes at a time; this four times as wide, and four of them (Gopal et
+// al., "Fast CRC Computation for Generic Polynomials Using PCLMULQDQ Instruction", 2009).
 __attribute__((target("avx512f,vpclmulqdq"))) std::uint32_t fold(const std::uint8_t* data, std::size_t size,
                                                                  std::uint32_t before) {
   // x^(2048 + 32) and x^(2048 - 32) modulo the polynomial, bits reversed.
@@ -24,7 +24,8 @@ __attribute__((target("avx512f,vpclmulqdq"))) std::uint32_t fold(const std::uint
   v[0] = _mm512_xor_si512(v[0], _mm512_zextsi128_si512(_mm_cvtsi32_si128(static_cast<int>(~before))));
   for (std::size_t at = kFold; at < size; at += kFold) {
     for (int i = 0; i < 4; ++i) {
-      const __m512i low = _mm512_clmulepi64_epi128(v[i], k, 0x00), high = _mm512_clmulepi64_epi128(v[i], k, 0x11);
+      const __m512i low = _mm512_clmulepi64_epi128(v[i], k, 0x00),
+                    high = _mm512_clmulepi64_epi128(v[i], k, 0x11);
       v[i] = _mm512_ternarylogic_epi64(low, high, _mm512_loadu_si512(data + at + 64 * i), 0x96);
     }
   }

@@ -22,8 +22,8 @@ constexpr std::uint32_t kLongestName = 63;
 
 using Program = std::vector<sock_filter>;
 
-// Bytes [at, at + value.size()) must be `value`, or the program goes on at its instruction `otherwise`. The last ones
-// first: names begin alike, and a look into a datagram takes the kernel its time.
+// Bytes [at, at + value.size()) must be `value`, or the program goes on at its instruction `otherwise`. The
+// last ones first: names begin alike, and a look into a datagram takes the kernel its time.
 void expect(Program& p, std::uint32_t at, const std::string& value, std::size_t otherwise) {
   const auto size = static_cast<std::uint32_t>(value.size());
   for (std::uint32_t end = size; end > 0;) {

@@ -8,15 +8,15 @@
 
 namespace hp2 {
 
-/// What a process takes of its messages. LCM's sockets hear every channel: two threads would be woken by each message
-/// for somebody else, only to throw it away.
+/// What a process takes of its messages. LCM's sockets hear every channel: two threads would be woken by each
+/// message for somebody else, only to throw it away.
 struct WantedMessages {
   /// A channel on which each message names who it is for.
   struct Addressed {
     std::string channel;
-    std::uint64_t type = 0;   ///< First 8 bytes of such a message, big-endian; others are for everybody.
-    std::size_t offset = 0;   ///< Of the address in the message.
-    std::int64_t address = 0; ///< This process's.
+    std::uint64_t type = 0;    ///< First 8 bytes of such a message, big-endian; others are for everybody.
+    std::size_t offset = 0;    ///< Of the address in the message.
+    std::int64_t address = 0;  ///< This process's.
   };
   std::vector<std::string> channels;  ///< Empty: all.
   Addressed addressed;                ///< Empty channel: none is.
@@ -31,7 +31,8 @@ class DatagramFilter {
   /// Of unfragmented messages only `wanted` ones.
   /// @return false if there is no such socket (another kind of URL, or nothing is subscribed to yet)
   bool attach(const std::string& url, const WantedMessages& wanted = {});
-  /// Datagrams that did not reach LCM: refused by the filter, unwanted, or lost because the receive buffer was full.
+  /// Datagrams that did not reach LCM: refused by the filter, unwanted, or lost because the receive buffer
+  /// was full.
   std::int64_t dropped() const;
 
  private:

@@ -25,9 +25,9 @@ std::int64_t random_id() {
 }
 
 Endpoint::Endpoint(Bus& bus) : bus_(bus), sender_id_(random_id()) {
-  // A third of a large buffer, as several readers of a topic hear each other's pieces. Of a small one a datagram's
-  // room is left for everything that this process did not ask for.
-  // More at once would overrun the queue of 30 messages that LCM gives a subscriber such as lcm-logger.
+  // A third of a large buffer, as several readers of a topic hear each other's pieces. Of a small one a
+  // datagram's room is left for everything that this process did not ask for. More at once would overrun the
+  // queue of 30 messages that LCM gives a subscriber such as lcm-logger.
   constexpr int kSmall = 8, kMost = 20;
   const int capacity = bus.receive_capacity();
   max_window_ = window_ = std::clamp(capacity / 3, std::clamp(capacity - 1, 1, kSmall), kMost);
@@ -37,7 +37,8 @@ Endpoint::Endpoint(Bus& bus) : bus_(bus), sender_id_(random_id()) {
       kOfferChannel, [this](const auto* data, auto size) { on_offer(data, size); }, kOfferQueue);
   bus_.subscribe(
       kFetchChannel, [this](const auto* data, auto size) { on_fetch(data, size); }, kFetchQueue);
-  constexpr std::size_t kTargetOffset = 24;  // of fetch_t::target_id, after its fingerprint and two other numbers
+  // fetch_t::target_id comes after the fingerprint and two other numbers.
+  constexpr std::size_t kTargetOffset = 24;
   bus_.set_address(kFetchChannel, static_cast<std::uint64_t>(fetch_t::getHash()), kTargetOffset, sender_id_);
 }
 

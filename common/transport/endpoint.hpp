@@ -57,7 +57,7 @@ class Endpoint {
   /// How many pieces of kPieceBytes may be under way to this process at once, over all its inboxes. Halved
   /// when pieces are lost, grows back while none are.
   int free_window() const { return window_ - in_flight_; }
-  /// A third of the window is free: pieces are asked for so many at a time, as every request wakes all processes.
+  /// A third of the window is free: pieces are asked for so many at a time, as every request wakes their owner.
   bool may_ask() const { return free_window() >= std::max(1, window_ / 3); }
   void piece_asked() { ++in_flight_; }
   void piece_settled() { --in_flight_; }

@@ -49,7 +49,8 @@ class Inbox {
   /// message to be delivered.
   void seek(std::int64_t id);
   std::int64_t next_delivery() const { return next_; }
-  /// Asks for nothing and acknowledges nothing, but hears offers: its owner shall not count on this reader yet.
+  /// Asks for nothing and acknowledges nothing, but hears offers: its owner shall not count on this reader
+  /// yet.
   void set_silent(bool silent) { silent_ = silent; }
   /// Fetch only messages before `id`: the consumer has no room for more.
   void set_limit(std::int64_t id);

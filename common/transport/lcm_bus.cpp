@@ -119,7 +119,8 @@ void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_
   if (passes_over_) passes_over_ = filter_.attach(url_, wanted_);
 }
 
-void LcmBus::set_address(const std::string& channel, std::uint64_t type, std::size_t offset, std::int64_t address) {
+void LcmBus::set_address(const std::string& channel, std::uint64_t type, std::size_t offset,
+                         std::int64_t address) {
   wanted_.addressed = {channel, type, offset, address};
 }
 

@@ -190,11 +190,12 @@ TEST(LocalMap, CachedPlanarityIsStaleExactlyWhereTheNeighbourhoodChanged) {
 void check_nearest(const Twins& t, Dice& dice, const Vector3d& centre, double reach, int queries) {
   const auto all = t.slow.all();
   int empty_voxels = 0, found = 0;
+  LocalMap::Cursor cursor;
   for (int i = 0; i < queries; ++i) {
     const Vector3d q = centre + dice.vector(reach);
     const VoxelPoint at = t.map.locate(q);
     ASSERT_EQ(key_of(at.voxel), t.slow.key(q));
-    const NearestPoint n = t.map.nearest(at);
+    const NearestPoint n = t.map.nearest(at, cursor);
     const auto near = t.slow.around(t.slow.key(q));
     empty_voxels += t.slow.voxels.count(t.slow.key(q)) == 0 ? 1 : 0;
     double best = std::numeric_limits<double>::infinity();
@@ -221,8 +222,8 @@ void check_nearest(const Twins& t, Dice& dice, const Vector3d& centre, double re
 TEST(LocalMap, NearestEqualsBruteForceAndItsBoundHolds) {
   Dice dice(4);
   for (const Vector3d& far : {Vector3d(0, 0, 0), Vector3d(-1e5, 1e5, -1e5)}) {
-    for (const int n : {60, 600}) {
-      Twins t(0.8, 3, 0.2);
+    for (const auto& [n, points_per_voxel] : {std::pair(60, 3), std::pair(600, 3), std::pair(600, 8)}) {
+      Twins t(0.8, points_per_voxel, 0.2);
       t.insert(random_cloud(dice, n, 3.0), Pose(Eigen::Quaterniond::Identity(), far));
       check_nearest(t, dice, far, 4.0, 300);
       t.remove_far(far, 2.5);

@@ -39,7 +39,8 @@ TEST(Crc32, IsTheSameOfLongDataInPieces) {
     const std::uint32_t expected = slow(data.data() + 1, size);
     ASSERT_EQ(crc32(data.data() + 1, size), expected) << size;
     const std::size_t cut = size == 0 ? 0 : rng() % size;
-    ASSERT_EQ(crc32(data.data() + 1 + cut, size - cut, crc32(data.data() + 1, cut)), expected) << size << ' ' << cut;
+    ASSERT_EQ(crc32(data.data() + 1 + cut, size - cut, crc32(data.data() + 1, cut)), expected)
+        << size << ' ' << cut;
   }
 }
 
@@ -66,7 +67,8 @@ TEST(BulkCodec, ScansComeBackAsTheyWere) {
   EXPECT_EQ(std::memcmp(back->x.data(), scan.x.data(), 12), 0) << "bits of a NaN, too";
 }
 
-// Every length of the arrays, as they are copied by four and eight words; a long one, as they are summed by slices.
+// Every length of the arrays, as they are copied by four and eight words; a long one, as they are summed by
+// slices.
 TEST(BulkCodec, ScansAndPiecesAreTheBytesOfTheirTypes) {
   std::mt19937 rng(9);
   const auto numbers = [&rng](std::size_t n) {

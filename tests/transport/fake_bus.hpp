@@ -36,7 +36,8 @@ class FakeBus : public Bus {
   std::deque<std::pair<std::string, std::vector<std::uint8_t>>> buffer_;
 };
 
-/// Connects FakeBus objects. A receiver's buffer holds 3 large datagrams, as the default receive buffer does, or more.
+/// Connects FakeBus objects. A receiver's buffer holds 3 large datagrams, as the default receive buffer does,
+/// or more.
 class FakeNetwork {
  public:
   explicit FakeNetwork(int capacity = 3) : capacity_(capacity) {}

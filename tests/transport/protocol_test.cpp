@@ -202,7 +202,8 @@ TEST(Protocol, MessagesGoOutInTheirOrderWhicheverIsReadyFirst) {
       [&](const std::uint8_t* data, std::size_t size) {
         const auto piece = view_chunk(data, size);
         ASSERT_TRUE(piece);
-        if (++pieces[piece->fields.message_id] == piece->fields.count) whole.push_back(piece->fields.message_id);
+        if (++pieces[piece->fields.message_id] == piece->fields.count)
+          whole.push_back(piece->fields.message_id);
       },
       100);
   FakeBus reader_bus(network);
