@@ -20,17 +20,17 @@ __attribute__((target("avx512f,vpclmulqdq"))) std::uint32_t fold(const std::uint
   // x^(2048 + 32) and x^(2048 - 32) modulo the polynomial, bits reversed.
   const __m512i k = _mm512_set4_epi64(0x1322d1430, 0x11542778a, 0x1322d1430, 0x11542778a);
   __m512i v[4];
-  for (int i = 0; i < 4; ++i) v[i] = _mm512_loadu_si512(data + 64 * i);
+  for (std::size_t i = 0; i < 4; ++i) v[i] = _mm512_loadu_si512(data + 64 * i);
   v[0] = _mm512_xor_si512(v[0], _mm512_zextsi128_si512(_mm_cvtsi32_si128(static_cast<int>(~before))));
   for (std::size_t at = kFold; at < size; at += kFold) {
-    for (int i = 0; i < 4; ++i) {
+    for (std::size_t i = 0; i < 4; ++i) {
       const __m512i low = _mm512_clmulepi64_epi128(v[i], k, 0x00),
                     high = _mm512_clmulepi64_epi128(v[i], k, 0x11);
       v[i] = _mm512_ternarylogic_epi64(low, high, _mm512_loadu_si512(data + at + 64 * i), 0x96);
     }
   }
   alignas(64) std::uint8_t folded[kFold];
-  for (int i = 0; i < 4; ++i) _mm512_store_si512(folded + 64 * i, v[i]);
+  for (std::size_t i = 0; i < 4; ++i) _mm512_store_si512(folded + 64 * i, v[i]);
   return libdeflate_crc32(~0U, folded, kFold);
 }
 
