@@ -71,6 +71,8 @@ class Backend::Impl {
     GraphState next = graph_;
     ++next.revision;
     next.ended = false;
+    // The map begins where the first scan was taken, wherever odometry says that was.
+    if (submap.id == 0) next.map_from_odom = submap.odom_from_submap.inverse();
     next.map_from_submap.push_back(next.map_from_odom * submap.odom_from_submap);
     SessionChange change;
     change.submap = &submap;

@@ -39,7 +39,7 @@ struct ScanPose {
 };
 
 /// A piece of local map with the scans that made it. Its frame is the keypose's: the last pose of the submap
-/// before (identity for the first).
+/// before (for the first that of the first scan: identity unless the start was seen better later).
 struct Submap {
   std::int64_t id = 0;                     ///< 0, 1, 2, ... in one session.
   Pose odom_from_submap;                   ///< Keypose in the drifting odometry frame.

@@ -136,6 +136,7 @@ int run(const Options& options) {
   Estimates estimates;
   double points = 0.0, iterations = 0.0;
   int degenerate = 0, lost = 0;
+  std::vector<std::int64_t> sequences;  // rising
   const std::vector<std::size_t> kept = kept_scans(source->size(), options);
   if (kept.empty()) throw Error("no scan is left", "--drop, --drop-share", "Drop fewer of the drive's scans.");
   for (const std::size_t i : kept) {
@@ -144,6 +145,12 @@ int run(const Options& options) {
     estimates.poses.push_back(out.odometry.odom_from_sensor);
     estimates.covariances.push_back(out.odometry.covariance);
     estimates.ends_us.push_back(out.odometry.utime);
+    sequences.push_back(out.odometry.sequence);
+    for (const OdometryResult& r : out.revised) {
+      const auto at = std::lower_bound(sequences.begin(), sequences.end(), r.sequence) - sequences.begin();
+      estimates.poses[static_cast<std::size_t>(at)] = r.odom_from_sensor;
+      estimates.covariances[static_cast<std::size_t>(at)] = r.covariance;
+    }
     points += out.odometry.n_points;
     iterations += out.odometry.diagnostics.iterations;
     degenerate += out.odometry.state == TrackingState::kDegenerate ? 1 : 0;

@@ -1,49 +1,68 @@
 #include "frontend/frontend.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <string>
 #include <utility>
 
 #include "common/byte_io.hpp"
 #include "common/error.hpp"
-#include "frontend/deskew.hpp"
-#include "frontend/frontend_impl.hpp"
-#include "frontend/odometry_covariance.hpp"
+#include "frontend/start_search.hpp"
 #include "frontend/stopwatch.hpp"
+#include "frontend/track.hpp"
 
 namespace hp2 {
 namespace {
 
-constexpr std::uint32_t kStateVersion = 5;
-// Below this ratio of the information's eigenvalues the position along some direction is little more than
-// noise, and deskewing by it would feed the noise back.
-constexpr double kWellObserved = 0.03;
-// Below this one the state says so.
-constexpr double kDegenerate = 0.03;
-// So much larger is the covariance (a factor) while the start's speed may be a wrong one that fits as well:
-// from three Avia bridges.
-constexpr double kDoubtfulSpeed = 9.0;
+constexpr std::uint32_t kStateVersion = 6;
 
 }  // namespace
 
-void Frontend::Impl::warn_once(unsigned bit, const std::string& text) {
-  if (warned_ & (1U << bit)) return;
-  warned_ |= 1U << bit;
-  warnings_.push_back(text);
-}
+class Frontend::Impl {
+ public:
+  Impl(const FrontendConfig& config, int threads)
+      : config_(config),
+        parallel_(threads),
+        preprocessor_(
+            {config.min_range_m, config.max_range_m, config.map_point_voxel_m, config.source_voxel_m}),
+        track_(config) {
+    validate(config);
+  }
+
+  FrontendOutput process(const Scan& scan);
+  std::optional<Submap> finish() {
+    start_.end();
+    return track_.finish();
+  }
+  std::vector<std::uint8_t> save_state() const;
+  void restore_state(const std::vector<std::uint8_t>& state);
+  std::vector<std::string> take_warnings() { return remarks_.take(); }
+
+ private:
+  bool usable_times(const Scan& scan);
+  void follow_start(FrontendOutput& out);
+  void take_up(FoundStart found, FrontendOutput& out);
+
+  FrontendConfig config_;
+  Parallel parallel_;
+  Preprocessor preprocessor_;
+  Track track_;
+  StartSearch start_;
+  OdometryResult first_result_;  // of the scan that the search began with
+  Remarks remarks_;
+  StampedCloud scan_;  // kept from scan to scan for its memory
+};
 
 bool Frontend::Impl::usable_times(const Scan& scan) {
   if (!config_.deskew) return false;
   if (scan.time.empty() || scan.duration_us <= 0) {
-    warn_once(0,
-              "the scans carry no time in the sweep: they are not deskewed (right if they are "
-              "motion-compensated already)");
+    remarks_.once(0,
+                  "the scans carry no time in the sweep: they are not deskewed (right if they are "
+                  "motion-compensated already)");
     return false;
   }
   if (scan.time.size() != scan.size()) {
-    warn_once(1, "a scan has " + std::to_string(scan.size()) + " points but " +
-                     std::to_string(scan.time.size()) + " times in the sweep: such scans are not deskewed");
+    remarks_.once(1, "a scan has " + std::to_string(scan.size()) + " points but " +
+                         std::to_string(scan.time.size()) +
+                         " times in the sweep: such scans are not deskewed");
     return false;
   }
   // Without branches: a pass over all points of every scan.
@@ -54,191 +73,84 @@ bool Frontend::Impl::usable_times(const Scan& scan) {
     differs |= static_cast<unsigned>(t != first);
   }
   if (bad != 0) {
-    warn_once(2, "times in the sweep are not finite or outside 0..1: such scans are not deskewed");
+    remarks_.once(2, "times in the sweep are not finite or outside 0..1: such scans are not deskewed");
     return false;
   }
   if (differs == 0) {
-    warn_once(3, "times in the sweep are all equal: such scans are not deskewed");
+    remarks_.once(3, "times in the sweep are all equal: such scans are not deskewed");
     return false;
   }
   return true;
 }
 
-void Frontend::Impl::deskew(const Vector6d& sweep_twist) {
-  deskewed(cloud_, sweep_twist, points_);
-  source_.clear();
-  for (const std::uint32_t i : cloud_.source) source_.push_back(points_[i]);
-}
-
-void Frontend::Impl::deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
-                              std::vector<Eigen::Vector3f>& out) const {
-  out = cloud.points;
-  if (cloud.time.empty() || !(sweep_twist.norm() > 0.0)) return;
-  const Deskew move(sweep_twist);
-  parallel_.for_blocks(out.size(), 1024, [&](std::size_t, std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) out[i] = move(cloud.points[i], cloud.time[i]);
-  });
-}
-
-// beta. Where the sensor sees little, places differ sooner: indoors submaps are shorter.
-double Frontend::Impl::submap_length_m() const {
-  constexpr double kOutdoors = 25.0, kIndoors = 15.0, kIndoorRange = 12.0;
-  if (config_.submap_length_m > 0.0) return config_.submap_length_m;
-  return seen_range_m_ < kIndoorRange ? kIndoors : kOutdoors;
-}
-
 FrontendOutput Frontend::Impl::process(const Scan& scan) {
-  Stopwatch total, clock;
-  FrontendOutput out;
-  OdometryResult& o = out.odometry;
-  o.sequence = scan.sequence;
-  o.utime = scan.utime_end();
-  o.n_points = static_cast<int>(scan.size());
-  o.n_skipped = last_sequence_ >= 0 ? std::max<std::int64_t>(0, scan.sequence - last_sequence_ - 1) : 0;
-  last_sequence_ = scan.sequence;
-
-  const bool use_time = usable_times(scan);
-  preprocessor_.run(scan, use_time, parallel_, cloud_);
-  o.n_dropped = cloud_.dropped;
-  if (motion_.time_is_broken(o.utime)) {
-    warn_once(4, "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
-  }
-  const Pose predicted = motion_.predict(o.utime);
-  const Vector6d predicted_twist = motion_.sweep_twist(scan.duration_us);
-  Vector6d sweep_twist = predicted_twist;
-  deskew(sweep_twist);
-  o.diagnostics.ms[0] = clock.lap_ms();
-
-  Pose pose = predicted;
-  const double stretch = motion_.stretch(o.utime);
-  const double prediction_error = scale_.sigma_m(stretch);
-  const double sigma = std::min(prediction_error, config_.max_sigma_m);
-  o.diagnostics.sigma = static_cast<float>(sigma);
-  if (source_.empty()) {
-    warn_once(5,
-              "a scan has no usable point (all are out of range or not finite): its pose is the prediction");
-    o.state = TrackingState::kLost;
-  } else if (!map_.empty()) {
-    const PosePrior prior = motion_.prior(o.utime);
-    const bool second = !first_cloud_.points.empty();
-    IcpResult icp =
-        second ? moving_start(scan, sigma) : icp_.align(map_, source_, predicted, sigma, parallel_, &prior);
-    if (!second) {
-      look_farther(o.utime, icp, sigma, prior);
-      if (prediction_error > config_.max_sigma_m) search_around(icp, sigma, prior);
-    }
-    // The registration tells how the sensor really moved in the sweep: where that differs from the
-    // prediction, the points are moved accordingly and registered once more.
-    for (int pass = 0; !second && pass < config_.redeskew_passes && !cloud_.time.empty(); ++pass) {
-      const Vector6d better = motion_.sweep_twist(scan.duration_us, icp.map_from_source, o.utime);
-      Vector6d change = config_.redeskew_gain * (better - predicted_twist) + predicted_twist - sweep_twist;
-      if (icp.min_eigenvalue_ratio < kWellObserved) change.head<3>().setZero();
-      if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m)
-        break;
-      sweep_twist += change;
-      deskew(sweep_twist);
-      const IcpResult again = icp_.align_again(map_, source_, icp.map_from_source, sigma, parallel_, &prior);
-      const int before = icp.iterations;
-      icp = again;
-      icp.iterations += before;
-    }
-    const bool lost = !second && astray(o.utime, sigma, icp);
-    o.covariance = registration_covariance(icp, sigma);
-    // At the start a weak direction may have settled on a wrong speed, which the map made with it confirms.
-    if (motion_.is_new() && icp.min_eigenvalue_ratio < kDegenerate) o.covariance *= kDoubtfulSpeed;
-    if (lost) {
-      begin_anew();
-    } else {
-      pose = icp.map_from_source;
-      motion_.learn(prior, pose, icp.information);
-      constexpr double kMemory = 0.95;
-      usual_fit_ = kMemory * usual_fit_ + (1.0 - kMemory) * icp.fit;
-      seen_range_m_ = icp.mean_range_m;
-    }
-    o.n_planar = icp.n_planar;
-    o.n_non_planar = icp.n_non_planar;
-    if (icp.min_eigenvalue_ratio < kDegenerate) o.state = TrackingState::kDegenerate;
-    if (lost || icp.n_planar + icp.n_non_planar < 10) {
-      o.state = TrackingState::kLost;
-      pose = predicted;
-    }
-    o.diagnostics.alpha = static_cast<float>(icp.alpha());
-    o.diagnostics.min_eigenvalue_ratio = static_cast<float>(icp.min_eigenvalue_ratio);
-    o.diagnostics.iterations = icp.iterations;
-    o.diagnostics.ms[1] = static_cast<float>(icp.ms_search);
-    o.diagnostics.ms[2] = static_cast<float>(icp.ms_planarity);
-    o.diagnostics.ms[3] = static_cast<float>(icp.ms_solve);
-    const Pose deviation = predicted.inverse() * pose;
-    const double error = AdaptiveScale::error_m(deviation, cloud_.max_range_m);
-    moved_ = moved_ || error > config_.min_sigma_m;  // no error where the pose is the prediction
-    if (moved_ && !second && !lost)
-      scale_.add(error, stretch);  // the second scan had no prediction that could err
-  } else {
-    first_cloud_ = cloud_;
-  }
-  clock.lap_ms();
-  const Pose before = motion_.last_pose();
-  motion_.add(pose, o.utime);
-  if (o.state == TrackingState::kLost) {
-    o.covariance = guess_covariance(before.inverse() * predicted);
-  } else {
-    // Also where scans come without times: somebody has deskewed them with a motion of his own, or nobody has.
-    o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
-  }
-  o.odom_from_sensor = pose;
-  o.submap_id = builder_.id();
-  ScanPose entry;
-  entry.sequence = o.sequence;
-  entry.utime = o.utime;
-  entry.covariance = o.covariance;
-  entry.state = o.state;
-  entry.diagnostics = o.diagnostics;
-  const double submap_length = submap_length_m();
-  map_.find_candidates(points_, pose, parallel_);
-  builder_.find_new(source_, pose, parallel_);
-  parallel_.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
-    if (block == 0) {
-      map_.insert_candidates();
-    } else {
-      out.finished_submap = builder_.add_new(pose, entry, o.n_skipped, submap_length);
-    }
-  });
-  // Eviction visits every block, so it waits until the sensor has moved by a few of them.
-  constexpr double kEvictionStep = 5.0;
-  if ((pose.translation - evicted_at_).norm() > kEvictionStep) {
-    evicted_at_ = pose.translation;
-    map_.remove_far(evicted_at_, config_.max_range_m + kEvictionStep);
-  }
-
-  o.submap_from_sensor = entry.submap_from_sensor;
-  o.diagnostics.ms[4] = clock.lap_ms();
-  o.diagnostics.ms[5] = total.lap_ms();
-  auto& stored = out.finished_submap ? out.finished_submap->scans.back() : builder_.last_scan();
-  stored.diagnostics = o.diagnostics;
+  Stopwatch clock;
+  scan_.sequence = scan.sequence;
+  scan_.utime = scan.utime_end();
+  scan_.duration_us = scan.duration_us;
+  scan_.n_points = static_cast<int>(scan.size());
+  preprocessor_.run(scan, usable_times(scan), parallel_, scan_.cloud);
+  scan_.preprocess_ms = clock.lap_ms();
+  FrontendOutput out = track_.process(scan_, parallel_, remarks_, start_.open());
+  follow_start(out);
   return out;
+}
+
+// While the speed at a start is not settled the submap stays open: once it is cut its scans are final, and
+// the state that is saved then knows of no search.
+void Frontend::Impl::follow_start(FrontendOutput& out) {
+  if (config_.mode != "robust") return;
+  if (track_.at_start()) {
+    if (track_.begins_session() || out.finished_submap) start_.begin(track_);
+    first_result_ = out.odometry;
+  } else if (out.finished_submap) {
+    start_.end();
+  } else if (start_.open() && start_.add(scan_, track_)) {
+    Stopwatch clock;
+    auto found = start_.find(track_, parallel_);
+    if (found) take_up(std::move(*found), out);
+    start_.end();
+    const float ms = clock.lap_ms();
+    for (auto* d : {&out.odometry.diagnostics, &track_.builder().last_scan().diagnostics}) {
+      d->ms[1] += ms;
+      d->ms[5] += ms;
+    }
+  }
+}
+
+// Goes on with another track through the same scans.
+void Frontend::Impl::take_up(FoundStart found, FrontendOutput& out) {
+  auto& scans = found.track.builder().open_scans();
+  const auto& said = track_.builder().open_scans();
+  // What the scans took was measured when they came.
+  for (std::size_t i = 0; i < scans.size(); ++i) scans[i].diagnostics.ms = said[i].diagnostics.ms;
+  const std::size_t before = scans.size() - found.results.size();
+  for (std::size_t i = 0; i < found.results.size(); ++i)
+    found.results[i].diagnostics.ms = scans[before + i].diagnostics.ms;
+  if (before == 1) {
+    OdometryResult first = first_result_;
+    first.odom_from_sensor = found.track.builder().odom_from_submap();
+    out.revised.push_back(first);
+  }
+  out.odometry = found.results.back();
+  found.results.pop_back();
+  out.revised.insert(out.revised.end(), found.results.begin(), found.results.end());
+  track_ = std::move(found.track);
+  remarks_.add(
+      "the sensor was moving when the first scan was taken, and how fast shows only now: the way since then "
+      "has "
+      "been estimated anew");
 }
 
 std::vector<std::uint8_t> Frontend::Impl::save_state() const {
   std::vector<std::uint8_t> bytes;
+  bytes.reserve(4096);
   ByteWriter out(bytes);
   out.put(kStateVersion);
   out.put(config_.voxel_size_m);
   out.put(config_.max_points_per_voxel);
-  out.put(last_sequence_);
-  out.put(static_cast<std::uint8_t>(moved_));
-  out.put(usual_fit_);
-  out.put(warned_);
-  out.put(seen_range_m_);
-  out.put(evicted_at_);
-  motion_.save(out);
-  scale_.save(out);
-  builder_.save(out);
-  map_.save(out);
-  // Not empty where a submap ended with the scan that tracking was lost at.
-  out.put(static_cast<std::uint64_t>(first_cloud_.points.size()));
-  out.put(static_cast<std::uint8_t>(!first_cloud_.time.empty()));
-  for (const auto& p : first_cloud_.points) out.put(p);
-  for (const float t : first_cloud_.time) out.put(t);
+  out.put(remarks_.said());
+  track_.save(out);
   return bytes;
 }
 
@@ -249,32 +161,11 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
     throw Error("the session was made with another voxel size", "front-end's saved state",
                 "Use the configuration that the session began with, or start a new session.");
   }
-  last_sequence_ = in.take<std::int64_t>();
-  moved_ = in.take<std::uint8_t>() != 0;
-  usual_fit_ = in.take<double>();
-  if (!(usual_fit_ >= 0.0 && usual_fit_ <= 1.0)) in.fail("usual fit");
-  warned_ = in.take<unsigned>();
-  seen_range_m_ = in.take<double>();
-  evicted_at_ = in.take<Eigen::Vector3d>();
-  if (!evicted_at_.allFinite()) in.fail("place of the last eviction");
-  motion_.load(in);
-  scale_.load(in);
-  builder_.load(in);
-  map_.load(in);
-  const auto first_points = in.take<std::uint64_t>();
-  const bool first_times = in.take<std::uint8_t>() != 0;
-  first_cloud_ = PreprocessedScan();
-  if (first_points > in.left() / sizeof(Eigen::Vector3f)) in.fail("points of a first scan");
-  for (std::uint64_t i = 0; i < first_points; ++i) {
-    first_cloud_.points.push_back(in.take<Eigen::Vector3f>());
-    if (!first_cloud_.points.back().allFinite()) in.fail("points of a first scan");
-  }
-  for (std::uint64_t i = 0; first_times && i < first_points; ++i) {
-    const auto t = in.take<float>();
-    if (!(t >= -0.01F && t <= 1.01F)) in.fail("times of a first scan");
-    first_cloud_.time.push_back(t);
-  }
+  remarks_.set_said(in.take<unsigned>());
+  track_.load(in);
   if (in.left() != 0) in.fail("bytes are left over at its end");
+  start_.end();
+  if (track_.at_start() && config_.mode == "robust") start_.begin(track_);
 }
 
 Frontend::Frontend(const FrontendConfig& config, int threads)

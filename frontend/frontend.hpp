@@ -34,6 +34,9 @@ struct FrontendOutput {
   OdometryResult odometry;
   /// The submap that this scan finished (the scan is its last), if it did.
   std::optional<Submap> finished_submap;
+  /// Earlier scans of the open submap of which something else was said: at a start at unknown speed the true way
+  /// may show only after a second or two.
+  std::vector<OdometryResult> revised;
 };
 
 /// Deskew, downsampling, adaptive hybrid ICP, local map and cutting into submaps. The output is a function of

@@ -173,6 +173,10 @@ void FrontendProcess::end_session(const std::string& why) {
   worker_.finish();
 }
 
+void FrontendProcess::publish(const OdometryResult& result) {
+  endpoint_.publish(kOdometryChannel, to_message(result, endpoint_.session_id(), endpoint_.sender_id(), odometry_number_++));
+}
+
 void FrontendProcess::on_event(RegistrationEvent event) {
   if (event.error) std::rethrow_exception(event.error);
   if (event.generation != generation_) return;
@@ -187,11 +191,8 @@ void FrontendProcess::on_event(RegistrationEvent event) {
   if (event.odometry) {
     ++endpoint_.counters()["scans_registered"];
     endpoint_.counters()["scans_skipped"] += event.odometry->n_skipped;
-    odometry_t m = to_message(*event.odometry);
-    m.session_id = endpoint_.session_id();
-    m.sender_id = endpoint_.sender_id();
-    m.number = odometry_number_++;
-    endpoint_.publish(kOdometryChannel, m);
+    for (const OdometryResult& earlier : event.revised) publish(earlier);
+    publish(*event.odometry);
   }
   if (!event.submaps.empty() || event.ended) {
     endpoint_.counters()["submaps_cut"] += static_cast<std::int64_t>(event.submaps.size());

@@ -45,6 +45,7 @@ class FrontendProcess {
   void feed_live();
   void skip_to_newest();
   void on_event(RegistrationEvent event);
+  void publish(const OdometryResult& result);
   void check_backend();
   void check_twin() const;
   void end_session(const std::string& why);

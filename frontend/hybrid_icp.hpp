@@ -94,6 +94,9 @@ class HybridIcp {
   /// the map has changed: what was found for them is kept where it still stands.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                         double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
+  /// Soft share of the last align()'s source points that lie within some 0.2 m of the map's surface, 0..1; unlike
+  /// IcpResult::fit whatever sigma was.
+  double agreement(const std::vector<Eigen::Vector3f>& source, const Pose& map_from_source) const;
 
  private:
   struct Correspondence {
@@ -133,6 +136,7 @@ class HybridIcp {
 
   IcpConfig config_;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
+  double voxel_m_ = 1.0;              // its edge
   std::vector<Correspondence> correspondences_;
   std::vector<Part> parts_;
   float margin_m_ = 0.0F;         // of the present searches (LocalMap::nearest)

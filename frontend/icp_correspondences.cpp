@@ -134,6 +134,24 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
   if (in_plane_needed_) plane_points.flush(sums.planar_points);
 }
 
+double HybridIcp::agreement(const std::vector<Eigen::Vector3f>& source, const Pose& map_from_source) const {
+  if (source.empty() || source.size() != correspondences_.size()) return 0.0;
+  constexpr float kScale2 = 0.2F * 0.2F, kMost2 = 1.0F;
+  const Eigen::Matrix3f r = map_from_source.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = (map_from_source.translation - voxel_m_ * origin_.cast<double>()).cast<float>();
+  double sum = 0.0;
+  for (std::size_t i = 0; i < source.size(); ++i) {
+    const Correspondence& c = correspondences_[i];
+    if (c.voxel < 0) continue;
+    const Eigen::Vector3f d = r * source[i] + t - c.target;
+    const float squared = d.squaredNorm();
+    if (squared > kMost2) continue;
+    const float e = c.normal.dot(d);
+    sum += static_cast<double>(kScale2 / (kScale2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared)));
+  }
+  return sum / static_cast<double>(source.size());
+}
+
 // Correspondences and their sums in one pass over the points, block by block while they are in the cache.
 NormalEquations HybridIcp::linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source,
                                      std::size_t stride, const Pose& local_from_source, double sigma_m,

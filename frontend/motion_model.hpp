@@ -64,6 +64,17 @@ class MotionModel {
     jerk_.setZero();
     learned_ = 0;
   }
+  /// The last pose, if there is one, was `pose`, and the sensor moves at `velocity` [twist / us].
+  void start(const Pose& pose, const Vector6d& velocity) {
+    last_ = pose;
+    motion_ = static_cast<double>(interval_) * velocity;
+    has_motion_ = true;
+  }
+  /// Moves the frame of the poses.
+  void move(const Pose& by) {
+    last_ = by * last_;
+    usual_up_ = last_.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+  }
   /// The registered pose at `utime` [us].
   void add(const Pose& pose, std::int64_t utime);
 
@@ -79,6 +90,7 @@ class MotionModel {
   void learn(const PosePrior& prior, const Pose& registered, const Matrix6d& information);
 
   const Pose& last_pose() const { return last_; }
+  std::int64_t last_utime() const { return last_utime_; }
   bool has_pose() const { return has_pose_; }
 
   void save(ByteWriter& out) const;

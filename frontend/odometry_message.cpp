@@ -4,8 +4,12 @@
 
 namespace hp2 {
 
-odometry_t to_message(const OdometryResult& r) {
+odometry_t to_message(const OdometryResult& r, std::int64_t session_id, std::int64_t sender_id,
+                      std::int64_t number) {
   odometry_t m{};
+  m.session_id = session_id;
+  m.sender_id = sender_id;
+  m.number = number;
   m.utime = r.utime;
   m.sequence = r.sequence;
   m.odom_from_sensor = to_message(r.odom_from_sensor);

@@ -7,6 +7,7 @@
 namespace hp2 {
 
 /// All but the session, the sender and the number of the message.
-odometry_t to_message(const OdometryResult& result);
+odometry_t to_message(const OdometryResult& result, std::int64_t session_id, std::int64_t sender_id,
+                      std::int64_t number);
 
 }  // namespace hp2

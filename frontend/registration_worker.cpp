@@ -157,6 +157,7 @@ RegistrationEvent RegistrationWorker::run(Job& job, std::vector<Parcel>& parcels
       job.scan.scan->sequence = job.scan.sequence;
       FrontendOutput output = frontend_->process(*job.scan.scan);
       event.odometry = output.odometry;
+      event.revised = std::move(output.revised);
       if (output.finished_submap) {
         parcels.push_back({0, 0, std::move(output.finished_submap), frontend_->save_state(), false, false});
       }

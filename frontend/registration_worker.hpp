@@ -40,6 +40,7 @@ struct RegistrationEvent {
   std::int64_t sequence = -1;              ///< The scan; -1: none (end of session).
   bool rejected = false;                   ///< The scan's bytes made no sense.
   std::optional<OdometryResult> odometry;  ///< If it was registered.
+  std::vector<OdometryResult> revised;     ///< Earlier scans of which it says something else now.
   std::vector<SubmapOut> submaps;          ///< That it finished.
   std::vector<std::string> warnings;
   bool ended = false;  ///< The session's last submap is among `submaps`, or there was nothing left to cut.

@@ -14,7 +14,10 @@ constexpr std::size_t kWorthASubmap = 10;
 
 }  // namespace
 
-SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
+SubmapBuilder::SubmapBuilder(double voxel_m, const Pose& first)
+    : inverse_voxel_(1.0 / voxel_m), last_odom_from_sensor_(first) {
+  submap_.odom_from_submap = first;
+}
 
 void SubmapBuilder::find_new(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
                              const Parallel& parallel) {

@@ -19,12 +19,15 @@ namespace hp2 {
 class SubmapBuilder {
  public:
   /// @param voxel_m  one point a voxel of this edge is kept
-  explicit SubmapBuilder(double voxel_m);
+  /// @param first    keypose of the session's first submap
+  explicit SubmapBuilder(double voxel_m, const Pose& first = Pose());
 
   std::int64_t id() const { return submap_.id; }
   const Pose& odom_from_submap() const { return submap_.odom_from_submap; }
   bool empty() const { return submap_.scans.empty(); }
   ScanPose& last_scan() { return submap_.scans.back(); }
+  std::vector<ScanPose>& open_scans() { return submap_.scans; }
+  const std::vector<ScanPose>& open_scans() const { return submap_.scans; }
 
   /// Adds a registered scan. A submap ends at its length, and at a scan that tracking was lost at: what comes
   /// after it does not fit what was seen before, so that scan's pose is the next keypose. (Where hardly
@@ -44,6 +47,11 @@ class SubmapBuilder {
                 const Parallel& parallel);
   std::optional<Submap> add_new(const Pose& odom_from_sensor, ScanPose& scan, std::int64_t skipped_before,
                                 double length_m);
+  /// Moves the open submap in the odometry's frame.
+  void move(const Pose& by) {
+    submap_.odom_from_submap = by * submap_.odom_from_submap;
+    last_odom_from_sensor_ = by * last_odom_from_sensor_;
+  }
   /// Cuts the open submap wherever it is; nothing if it holds no scan.
   std::optional<Submap> finish();
 

@@ -52,11 +52,13 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
   const auto by_sequence = [](const auto& a, const auto& b) { return a.sequence < b.sequence; };
   std::stable_sort(trajectory.begin(), trajectory.end(), by_sequence);
 
-  Submap before;  // its scans alone
+  Pose start_from_odom;  // the odometry's way begins where the map does
+  Submap before;         // its scans alone
   std::int64_t utime_before = 0;
   for (std::int64_t id = 0; id < view.submap_count; ++id) {
     const Submap submap = view.read_submap(id);
     const auto index = static_cast<std::size_t>(id);
+    if (id == 0) start_from_odom = submap.odom_from_submap.inverse();
     const Pose map_from_submap = index < view.graph.map_from_submap.size()
                                      ? view.graph.map_from_submap[index]
                                      : view.graph.map_from_odom * submap.odom_from_submap;
@@ -67,7 +69,7 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
       record.sequence = scan.sequence;
       record.utime = scan.utime;
       record.submap = submap.id;
-      record.odom_from_sensor = submap.odom_from_submap * scan.submap_from_sensor;
+      record.odom_from_sensor = start_from_odom * submap.odom_from_submap * scan.submap_from_sensor;
       record.map_from_sensor =
           final_pose != nullptr ? final_pose->map_from_sensor : map_from_submap * scan.submap_from_sensor;
       record.state = scan.state;
@@ -89,7 +91,7 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
     digest.scans.push_back({pose.sequence,
                             pose.utime,
                             pose.submap,
-                            pose.odom_from_sensor,
+                            start_from_odom * pose.odom_from_sensor,
                             pose.map_from_sensor,
                             TrackingState::kTracking,
                             {}});

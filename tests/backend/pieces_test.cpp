@@ -105,6 +105,22 @@ Submap through_the_street(std::int64_t id, unsigned seed, const Pose& scene_from
   return m;
 }
 
+TEST(Backend, TheMapBeginsAtTheFirstScanWhereverOdometryBegan) {
+  testing::TemporaryFolder folder;
+  SessionStore store(folder.path());
+  Backend backend({}, store);
+  const Pose start(so3_exp({0.01, 0, 0.5}), {-30, 4, 1});
+  Submap first = random_submap(0, start), second = random_submap(1, start * first.scans.back().submap_from_sensor);
+  backend.add_submap(first, {}, false);
+  backend.add_submap(second, {}, true);
+  const GraphState& graph = backend.graph();
+  EXPECT_LT(se3_log(graph.map_from_submap[0]).norm(), 1e-9);
+  EXPECT_LT(se3_log(graph.map_from_odom * start).norm(), 1e-9);
+  for (const TrajectoryPose& p : graph.trajectory) {
+    EXPECT_LT(se3_log((start * p.map_from_sensor).inverse() * p.odom_from_sensor).norm(), 1e-6) << p.sequence;
+  }
+}
+
 TEST(Pieces, AreJoinedWhenThePlaceIsSeenAgain) {
   testing::TemporaryFolder folder;
   SessionStore store(folder.path());

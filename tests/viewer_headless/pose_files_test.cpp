@@ -140,6 +140,7 @@ TEST(Digest, OdometryIsWhatTheBackEndWeighsItAs) {
   view.read_submap = [&](std::int64_t id) {
     Submap submap;
     submap.id = id;
+    submap.odom_from_submap = Pose({1, 0, 0, 0}, {-18, 0, 0}) * (id == 0 ? Pose() : t1 * t2);
     ScanPose a, b;
     a.sequence = 2 * id;
     b.sequence = 2 * id + 1;
@@ -151,6 +152,9 @@ TEST(Digest, OdometryIsWhatTheBackEndWeighsItAs) {
     return submap;
   };
   const SessionDigest digest = digest_session(view, {});
+  // The odometry's way begins where the map does, not where odometry says that it began.
+  ASSERT_EQ(digest.scans.size(), 4U);
+  EXPECT_LT(se3_log(digest.scans[1].odom_from_sensor.inverse() * (t1 * t2)).norm(), 1e-12);
   ASSERT_EQ(digest.odometry.size(), 1U);
   const GraphEdge expected = odometry_edge(view.read_submap(0), view.read_submap(1), 0);
   EXPECT_EQ(digest.odometry[0].information, expected.information);

@@ -1,0 +1,67 @@
+// A start at unknown speed where hardly anything tells the speed: a bridge, a highway. The first scans then
+// fit a standing sensor, or one that follows the traffic, about as well as the true motion, and the map that
+// is made with a wrong speed confirms it. So the first scans are kept, and once there are enough of them they
+// are registered again for a range of starting speeds. Of the ways that come out, the sensor took the one
+// that is smooth and that the scans fit.
+#pragma once
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "frontend/track.hpp"
+
+namespace hp2 {
+
+/// Another way through the first scans of a start.
+struct FoundStart {
+  Track track;
+  std::vector<OdometryResult> results;  ///< What it says of each of them but the first.
+};
+
+/// The first scans of a start, and the search for another way through them.
+class StartSearch {
+ public:
+  /// @param followed is at_start(): the search begins from a copy of it
+  void begin(const Track& followed);
+  void end() { base_.reset(), scans_.clear(), followed_ = {}; }
+  /// True from begin() to end().
+  bool open() const { return base_.has_value(); }
+  /// Another scan, which `followed` has just been given. @return true if there are enough now
+  bool add(const StampedCloud& scan, const Track& followed);
+
+  /// The track that explains the scans clearly better than the one followed, if there is one: it has been
+  /// given all of them. Its odometry ends at `followed.last_pose()`: the past is corrected, not the present.
+  /// Takes as long as some 150 scans where the speed is doubtful, no time where it is not.
+  std::optional<FoundStart> find(const Track& followed, const Parallel& parallel) const;
+
+ private:
+  // How a track went through the scans.
+  struct Way {
+    std::vector<Pose> poses;  // one a scan
+    double agreement = 0.0;   // sum of Track::agreement()
+    Matrix6d information = Matrix6d::Zero();
+    std::vector<double> eigenvalue_ratios;
+
+    void add(const Track& track);
+  };
+  struct Candidate {
+    Vector6d velocity;  // to begin with [twist / us]
+    std::optional<Track> track;
+    std::vector<OdometryResult> results;
+    Way way;
+  };
+
+  std::vector<Vector6d> velocities(const Way& way) const;
+  double score(const Way& way) const;
+  bool doubtful() const;
+  Eigen::Vector3d weak_direction() const;
+  Vector6d better_velocity(const Way& way) const;
+  void run(Candidate& candidate, std::size_t until, const Pose& first, const Parallel& parallel) const;
+  std::vector<Candidate> screen(const Parallel& parallel) const;
+
+  std::optional<Track> base_;
+  std::vector<StampedCloud> scans_;  // the first one's points are in base_
+  Way followed_;
+};
+
+}  // namespace hp2

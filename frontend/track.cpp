@@ -1,0 +1,232 @@
+#include "frontend/track.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "common/byte_io.hpp"
+#include "common/error.hpp"
+#include "frontend/deskew.hpp"
+#include "frontend/odometry_covariance.hpp"
+#include "frontend/stopwatch.hpp"
+
+namespace hp2 {
+namespace {
+
+// Below this ratio of the information's eigenvalues the position along some direction is little more than
+// noise, and deskewing by it would feed the noise back.
+constexpr double kWellObserved = 0.03;
+// Below this one the state says so.
+constexpr double kDegenerate = 0.03;
+// So much larger is the covariance (a factor) while the start's speed may be a wrong one that fits as well:
+// from three Avia bridges.
+constexpr double kDoubtfulSpeed = 9.0;
+
+}  // namespace
+
+void Track::deskew(const Vector6d& sweep_twist) {
+  deskewed(scan_->cloud, sweep_twist, points_);
+  source_.clear();
+  for (const std::uint32_t i : scan_->cloud.source) source_.push_back(points_[i]);
+}
+
+void Track::deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
+                              std::vector<Eigen::Vector3f>& out) const {
+  out = cloud.points;
+  if (cloud.time.empty() || !(sweep_twist.norm() > 0.0)) return;
+  const Deskew move(sweep_twist);
+  parallel_->for_blocks(out.size(), 1024, [&](std::size_t, std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) out[i] = move(cloud.points[i], cloud.time[i]);
+  });
+}
+
+// beta. Where the sensor sees little, places differ sooner: indoors submaps are shorter.
+double Track::submap_length_m() const {
+  constexpr double kOutdoors = 25.0, kIndoors = 15.0, kIndoorRange = 12.0;
+  if (config_.submap_length_m > 0.0) return config_.submap_length_m;
+  return seen_range_m_ < kIndoorRange ? kIndoors : kOutdoors;
+}
+
+FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel, Remarks& remarks,
+                              bool keep_open) {
+  Stopwatch total, clock;
+  scan_ = &scan;
+  parallel_ = &parallel;
+  remarks_ = &remarks;
+  last_registration_ = IcpResult();
+  FrontendOutput out;
+  OdometryResult& o = out.odometry;
+  o.sequence = scan.sequence;
+  o.utime = scan.utime;
+  o.n_points = scan.n_points;
+  o.n_dropped = scan.cloud.dropped;
+  o.n_skipped = last_sequence_ >= 0 ? std::max<std::int64_t>(0, scan.sequence - last_sequence_ - 1) : 0;
+  last_sequence_ = scan.sequence;
+
+  if (motion_.time_is_broken(o.utime)) {
+    remarks.once(4, "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
+  }
+  const Pose predicted = motion_.predict(o.utime);
+  const Vector6d predicted_twist = motion_.sweep_twist(scan.duration_us);
+  Vector6d sweep_twist = predicted_twist;
+  deskew(sweep_twist);
+  o.diagnostics.ms[0] = static_cast<float>(scan.preprocess_ms) + clock.lap_ms();
+
+  Pose pose = predicted;
+  const double stretch = motion_.stretch(o.utime);
+  const double prediction_error = scale_.sigma_m(stretch);
+  const double sigma = std::min(prediction_error, config_.max_sigma_m);
+  o.diagnostics.sigma = static_cast<float>(sigma);
+  if (source_.empty()) {
+    remarks.once(5,
+                 "a scan has no usable point (all are out of range or not finite): its pose is the prediction");
+    o.state = TrackingState::kLost;
+  } else if (!map_.empty()) {
+    const PosePrior prior = motion_.prior(o.utime);
+    const bool second = at_start();
+    IcpResult icp =
+        second ? moving_start(sigma) : icp_.align(map_, source_, predicted, sigma, parallel, &prior);
+    if (!second) {
+      look_farther(icp, sigma, prior);
+      if (prediction_error > config_.max_sigma_m) search_around(icp, sigma, prior);
+    }
+    // The registration tells how the sensor really moved in the sweep: where that differs from the
+    // prediction, the points are moved accordingly and registered once more.
+    for (int pass = 0; !second && pass < config_.redeskew_passes && !scan_->cloud.time.empty(); ++pass) {
+      const Vector6d better = motion_.sweep_twist(scan.duration_us, icp.map_from_source, o.utime);
+      Vector6d change = config_.redeskew_gain * (better - predicted_twist) + predicted_twist - sweep_twist;
+      if (icp.min_eigenvalue_ratio < kWellObserved) change.head<3>().setZero();
+      if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m)
+        break;
+      sweep_twist += change;
+      deskew(sweep_twist);
+      const IcpResult again = icp_.align_again(map_, source_, icp.map_from_source, sigma, parallel, &prior);
+      const int before = icp.iterations;
+      icp = again;
+      icp.iterations += before;
+    }
+    const bool lost = !second && astray(sigma, icp);
+    last_registration_ = icp;
+    o.covariance = registration_covariance(icp, sigma);
+    // At the start a weak direction may have settled on a wrong speed, which the map made with it confirms.
+    if (motion_.is_new() && icp.min_eigenvalue_ratio < kDegenerate) o.covariance *= kDoubtfulSpeed;
+    if (lost) {
+      begin_anew();
+    } else {
+      pose = icp.map_from_source;
+      motion_.learn(prior, pose, icp.information);
+      constexpr double kMemory = 0.95;
+      usual_fit_ = kMemory * usual_fit_ + (1.0 - kMemory) * icp.fit;
+      seen_range_m_ = icp.mean_range_m;
+    }
+    o.n_planar = icp.n_planar;
+    o.n_non_planar = icp.n_non_planar;
+    if (icp.min_eigenvalue_ratio < kDegenerate) o.state = TrackingState::kDegenerate;
+    if (lost || icp.n_planar + icp.n_non_planar < 10) {
+      o.state = TrackingState::kLost;
+      pose = predicted;
+    }
+    o.diagnostics.alpha = static_cast<float>(icp.alpha());
+    o.diagnostics.min_eigenvalue_ratio = static_cast<float>(icp.min_eigenvalue_ratio);
+    o.diagnostics.iterations = icp.iterations;
+    o.diagnostics.ms[1] = static_cast<float>(icp.ms_search);
+    o.diagnostics.ms[2] = static_cast<float>(icp.ms_planarity);
+    o.diagnostics.ms[3] = static_cast<float>(icp.ms_solve);
+    const Pose deviation = predicted.inverse() * pose;
+    const double error = AdaptiveScale::error_m(deviation, scan_->cloud.max_range_m);
+    moved_ = moved_ || error > config_.min_sigma_m;  // no error where the pose is the prediction
+    if (moved_ && !second && !lost)
+      scale_.add(error, stretch);  // the second scan had no prediction that could err
+  } else {
+    first_cloud_ = scan.cloud;
+  }
+  clock.lap_ms();
+  const Pose before = motion_.last_pose();
+  motion_.add(pose, o.utime);
+  if (o.state == TrackingState::kLost) {
+    o.covariance = guess_covariance(before.inverse() * predicted);
+  } else {
+    // Also where scans come without times: somebody has deskewed them with a motion of his own, or nobody has.
+    o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
+  }
+  o.odom_from_sensor = pose;
+  o.submap_id = builder_.id();
+  ScanPose entry;
+  entry.sequence = o.sequence;
+  entry.utime = o.utime;
+  entry.covariance = o.covariance;
+  entry.state = o.state;
+  entry.diagnostics = o.diagnostics;
+  const double submap_length =
+      keep_open ? std::numeric_limits<double>::infinity() : submap_length_m();
+  map_.find_candidates(points_, pose, parallel);
+  builder_.find_new(source_, pose, parallel);
+  parallel.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
+    if (block == 0) {
+      map_.insert_candidates();
+    } else {
+      out.finished_submap = builder_.add_new(pose, entry, o.n_skipped, submap_length);
+    }
+  });
+  // Eviction visits every block, so it waits until the sensor has moved by a few of them.
+  constexpr double kEvictionStep = 5.0;
+  if ((pose.translation - evicted_at_).norm() > kEvictionStep) {
+    evicted_at_ = pose.translation;
+    map_.remove_far(evicted_at_, config_.max_range_m + kEvictionStep);
+  }
+
+  o.submap_from_sensor = entry.submap_from_sensor;
+  o.diagnostics.ms[4] = clock.lap_ms();
+  o.diagnostics.ms[5] = static_cast<float>(scan.preprocess_ms) + total.lap_ms();
+  auto& stored = out.finished_submap ? out.finished_submap->scans.back() : builder_.last_scan();
+  stored.diagnostics = o.diagnostics;
+  return out;
+}
+
+void Track::save(ByteWriter& out) const {
+  out.put(last_sequence_);
+  out.put(static_cast<std::uint8_t>(moved_));
+  out.put(usual_fit_);
+  out.put(seen_range_m_);
+  out.put(evicted_at_);
+  motion_.save(out);
+  scale_.save(out);
+  builder_.save(out);
+  map_.save(out);
+  // Not empty where a submap ended with the scan that tracking was lost at.
+  out.put(static_cast<std::uint64_t>(first_cloud_.points.size()));
+  out.put(static_cast<std::uint8_t>(!first_cloud_.time.empty()));
+  for (const auto& p : first_cloud_.points) out.put(p);
+  for (const float t : first_cloud_.time) out.put(t);
+}
+
+void Track::load(ByteReader& in) {
+  last_sequence_ = in.take<std::int64_t>();
+  moved_ = in.take<std::uint8_t>() != 0;
+  usual_fit_ = in.take<double>();
+  if (!(usual_fit_ >= 0.0 && usual_fit_ <= 1.0)) in.fail("usual fit");
+  seen_range_m_ = in.take<double>();
+  evicted_at_ = in.take<Eigen::Vector3d>();
+  if (!evicted_at_.allFinite()) in.fail("place of the last eviction");
+  motion_.load(in);
+  scale_.load(in);
+  builder_.load(in);
+  map_.load(in);
+  const auto first_points = in.take<std::uint64_t>();
+  const bool first_times = in.take<std::uint8_t>() != 0;
+  first_cloud_ = PreprocessedScan();
+  if (first_points > in.left() / sizeof(Eigen::Vector3f)) in.fail("points of a first scan");
+  for (std::uint64_t i = 0; i < first_points; ++i) {
+    first_cloud_.points.push_back(in.take<Eigen::Vector3f>());
+    if (!first_cloud_.points.back().allFinite()) in.fail("points of a first scan");
+  }
+  for (std::uint64_t i = 0; first_times && i < first_points; ++i) {
+    const auto t = in.take<float>();
+    if (!(t >= -0.01F && t <= 1.01F)) in.fail("times of a first scan");
+    first_cloud_.time.push_back(t);
+  }
+}
+
+}  // namespace hp2

@@ -1,0 +1,123 @@
+// One estimate of the sensor's way: a local map, a motion model and the open submap. The front-end follows
+// one; at a doubtful start it tries others as well (start_search.hpp).
+#pragma once
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "frontend/adaptive_scale.hpp"
+#include "frontend/frontend.hpp"
+#include "frontend/hybrid_icp.hpp"
+#include "frontend/local_map.hpp"
+#include "frontend/motion_model.hpp"
+#include "frontend/parallel.hpp"
+#include "frontend/preprocess.hpp"
+#include "frontend/submap_builder.hpp"
+
+namespace hp2 {
+
+/// A scan as a Track is given it.
+struct StampedCloud {
+  PreprocessedScan cloud;
+  std::int64_t sequence = 0;
+  std::int64_t utime = 0;        ///< End of the sweep [us].
+  std::int64_t duration_us = 0;  ///< Of the sweep; 0: unknown.
+  int n_points = 0;              ///< In the scan as received.
+  double preprocess_ms = 0.0;
+};
+
+/// Remarks that are made once.
+class Remarks {
+ public:
+  void once(unsigned bit, const std::string& text) {
+    if ((said_ >> bit & 1U) != 0) return;
+    said_ |= 1U << bit;
+    add(text);
+  }
+  void add(const std::string& text) { texts_.push_back(text); }
+  std::vector<std::string> take() { return std::exchange(texts_, {}); }
+  unsigned said() const { return said_; }
+  void set_said(unsigned said) { said_ = said; }
+
+ private:
+  unsigned said_ = 0;
+  std::vector<std::string> texts_;
+};
+
+/// Registers scans one after the other. Copies are independent of each other.
+class Track {
+ public:
+  explicit Track(const FrontendConfig& config)
+      : config_(config),
+        map_(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m),
+        icp_(icp_config(config)),
+        scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window),
+        builder_(config.submap_voxel_m) {}
+
+  /// @param keep_open the open submap is not cut for its length
+  FrontendOutput process(const StampedCloud& scan, const Parallel& parallel, Remarks& remarks,
+                         bool keep_open);
+  std::optional<Submap> finish() { return builder_.finish(); }
+
+  /// True between a first scan, of the session or after a loss, and the second: the speed is unknown.
+  bool at_start() const { return !first_cloud_.points.empty(); }
+  /// At a start: the first scan was at `pose`, and the sensor moved at `velocity` [twist / us], in sweeps of
+  /// `duration_us`.
+  void start_with(const Pose& pose, const Vector6d& velocity, std::int64_t duration_us,
+                  const Parallel& parallel);
+
+  /// True while the first scan of the session is the only one.
+  bool begins_session() const { return builder_.id() == 0 && builder_.open_scans().size() == 1; }
+  /// Moves the whole way, the open submap and the map.
+  void move(const Pose& by);
+
+  std::int64_t last_utime() const { return motion_.last_utime(); }
+  const Pose& last_pose() const { return motion_.last_pose(); }
+  const SubmapBuilder& builder() const { return builder_; }
+  SubmapBuilder& builder() { return builder_; }
+  /// Of the last scan; empty if it was not registered.
+  const IcpResult& last_registration() const { return last_registration_; }
+  /// HybridIcp::agreement() of the last scan.
+  double agreement() const { return icp_.agreement(source_, motion_.last_pose()); }
+
+  /// Right after a submap was cut only.
+  void save(ByteWriter& out) const;
+  void load(ByteReader& in);
+
+ private:
+  void deskew(const Vector6d& sweep_twist);
+  void deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
+                std::vector<Eigen::Vector3f>& out) const;
+  double submap_length_m() const;
+  // track_guesses.cpp
+  bool astray(double sigma, IcpResult& icp);
+  void look_farther(IcpResult& icp, double sigma, const PosePrior& prior);
+  void search_around(IcpResult& icp, double sigma, const PosePrior& prior);
+  void begin_anew();
+  IcpResult moving_start(double sigma);
+  IcpResult settle_start(IcpResult icp, double sigma, HybridIcp& aligner);
+
+  FrontendConfig config_;
+  LocalMap map_;
+  HybridIcp icp_;
+  AdaptiveScale scale_;
+  MotionModel motion_;
+  SubmapBuilder builder_;
+  std::int64_t last_sequence_ = -1;
+  double seen_range_m_ = 100.0;  // RMS distance of the last registered points
+  bool moved_ = false;
+  double usual_fit_ = 1.0;                                // running mean of IcpResult::fit
+  Eigen::Vector3d evicted_at_ = Eigen::Vector3d::Zero();  // where the map was last cut to its radius
+  PreprocessedScan first_cloud_;  // of the first scan, until the second has told how fast the sensor was then
+  IcpResult last_registration_;
+
+  // Of the scan under way, and buffers kept from scan to scan.
+  const StampedCloud* scan_ = nullptr;
+  const Parallel* parallel_ = nullptr;
+  Remarks* remarks_ = nullptr;
+  std::vector<Eigen::Vector3f> points_, source_;
+};
+
+}  // namespace hp2
