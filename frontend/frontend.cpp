@@ -38,7 +38,7 @@ class Frontend::Impl {
 
  private:
   bool usable_times(const Scan& scan);
-  void follow_start(FrontendOutput& out);
+  void follow_start(bool was_at_start, FrontendOutput& out);
   void take_up(FoundStart found, FrontendOutput& out);
 
   FrontendConfig config_;
@@ -91,30 +91,31 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   scan_.n_points = static_cast<int>(scan.size());
   preprocessor_.run(scan, usable_times(scan), parallel_, scan_.cloud);
   scan_.preprocess_ms = clock.lap_ms();
+  const bool was_at_start = track_.at_start();
   FrontendOutput out = track_.process(scan_, parallel_, remarks_, start_.open());
-  follow_start(out);
+  follow_start(was_at_start, out);
   return out;
 }
 
 // While the speed at a start is not settled the submap stays open: once it is cut its scans are final, and
 // the state that is saved then knows of no search.
-void Frontend::Impl::follow_start(FrontendOutput& out) {
+void Frontend::Impl::follow_start(bool was_at_start, FrontendOutput& out) {
   if (config_.mode != "robust") return;
-  if (track_.at_start()) {
-    if (track_.begins_session() || out.finished_submap) start_.begin(track_);
+  if (track_.at_start() && !was_at_start) {
+    start_.begin(track_);
     first_result_ = out.odometry;
-  } else if (out.finished_submap) {
-    start_.end();
-  } else if (start_.open() && start_.add(scan_, track_)) {
-    Stopwatch clock;
-    auto found = start_.find(track_, parallel_);
-    if (found) take_up(std::move(*found), out);
-    start_.end();
-    const float ms = clock.lap_ms();
-    for (auto* d : {&out.odometry.diagnostics, &track_.builder().last_scan().diagnostics}) {
-      d->ms[1] += ms;
-      d->ms[5] += ms;
-    }
+    return;
+  }
+  if (out.finished_submap) start_.end();
+  if (!start_.open() || !start_.add(scan_, out.odometry.state, track_)) return;
+  Stopwatch clock;
+  auto found = start_.find(track_, parallel_);
+  start_.end();
+  if (found) take_up(std::move(*found), out);
+  const float ms = clock.lap_ms();
+  for (auto* d : {&out.odometry.diagnostics, &track_.builder().last_scan().diagnostics}) {
+    d->ms[1] += ms;
+    d->ms[5] += ms;
   }
 }
 
@@ -127,7 +128,7 @@ void Frontend::Impl::take_up(FoundStart found, FrontendOutput& out) {
   const std::size_t before = scans.size() - found.results.size();
   for (std::size_t i = 0; i < found.results.size(); ++i)
     found.results[i].diagnostics.ms = scans[before + i].diagnostics.ms;
-  if (before == 1) {
+  if (found.moved) {
     OdometryResult first = first_result_;
     first.odom_from_sensor = found.track.builder().odom_from_submap();
     out.revised.push_back(first);

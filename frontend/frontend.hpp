@@ -16,7 +16,7 @@ namespace hp2 {
 struct OdometryResult {
   std::int64_t sequence = 0;
   std::int64_t utime = 0;      ///< End of the sweep [us]: the instant the pose refers to.
-  Pose odom_from_sensor;       ///< Frame odom drifts but never jumps.
+  Pose odom_from_sensor;       ///< Frame odom drifts but never jumps, but for up to 16 scans after a loss.
   std::int64_t submap_id = 0;  ///< Open submap that the scan went into.
   Pose submap_from_sensor;
   Matrix6d covariance = Matrix6d::Zero();  ///< As ScanPose::covariance.

@@ -174,7 +174,8 @@ void FrontendProcess::end_session(const std::string& why) {
 }
 
 void FrontendProcess::publish(const OdometryResult& result) {
-  endpoint_.publish(kOdometryChannel, to_message(result, endpoint_.session_id(), endpoint_.sender_id(), odometry_number_++));
+  endpoint_.publish(kOdometryChannel,
+                    to_message(result, endpoint_.session_id(), endpoint_.sender_id(), odometry_number_++));
 }
 
 void FrontendProcess::on_event(RegistrationEvent event) {

@@ -100,7 +100,6 @@ IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& so
                            double sigma_m, const Parallel& parallel, const PosePrior* prior) {
   // All sums are taken about a voxel corner near the sensor: well conditioned, and floats keep their digits.
   origin_ = map.locate(guess.translation).voxel;
-  voxel_m_ = map.voxel_size_m();
   correspondences_.assign(source.size(), Correspondence());
   return iterate(map, source, guess, sigma_m, parallel, prior);
 }

@@ -94,9 +94,11 @@ class HybridIcp {
   /// the map has changed: what was found for them is kept where it still stands.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                         double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
-  /// Soft share of the last align()'s source points that lie within some 0.2 m of the map's surface, 0..1; unlike
-  /// IcpResult::fit whatever sigma was.
-  double agreement(const std::vector<Eigen::Vector3f>& source, const Pose& map_from_source) const;
+  /// Soft share of the source points that lie within some 0.2 m of the map's surface, 0..1, of 1,500 of them
+  /// or so; unlike IcpResult::fit whatever sigma is. To be asked before the map takes the points;
+  /// align_again() cannot go on after it.
+  double agreement(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& map_from_source,
+                   const Parallel& parallel);
 
  private:
   struct Correspondence {
@@ -136,7 +138,6 @@ class HybridIcp {
 
   IcpConfig config_;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
-  double voxel_m_ = 1.0;              // its edge
   std::vector<Correspondence> correspondences_;
   std::vector<Part> parts_;
   float margin_m_ = 0.0F;         // of the present searches (LocalMap::nearest)

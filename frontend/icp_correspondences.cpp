@@ -134,24 +134,6 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
   if (in_plane_needed_) plane_points.flush(sums.planar_points);
 }
 
-double HybridIcp::agreement(const std::vector<Eigen::Vector3f>& source, const Pose& map_from_source) const {
-  if (source.empty() || source.size() != correspondences_.size()) return 0.0;
-  constexpr float kScale2 = 0.2F * 0.2F, kMost2 = 1.0F;
-  const Eigen::Matrix3f r = map_from_source.rotation.toRotationMatrix().cast<float>();
-  const Eigen::Vector3f t = (map_from_source.translation - voxel_m_ * origin_.cast<double>()).cast<float>();
-  double sum = 0.0;
-  for (std::size_t i = 0; i < source.size(); ++i) {
-    const Correspondence& c = correspondences_[i];
-    if (c.voxel < 0) continue;
-    const Eigen::Vector3f d = r * source[i] + t - c.target;
-    const float squared = d.squaredNorm();
-    if (squared > kMost2) continue;
-    const float e = c.normal.dot(d);
-    sum += static_cast<double>(kScale2 / (kScale2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared)));
-  }
-  return sum / static_cast<double>(source.size());
-}
-
 // Correspondences and their sums in one pass over the points, block by block while they are in the cache.
 NormalEquations HybridIcp::linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source,
                                      std::size_t stride, const Pose& local_from_source, double sigma_m,
@@ -185,6 +167,36 @@ NormalEquations HybridIcp::linearise(LocalMap& map, const std::vector<Eigen::Vec
   result.ms_planarity += scale * ms[1];
   result.ms_solve += scale * ms[2];
   return total;
+}
+
+double HybridIcp::agreement(LocalMap& map, const std::vector<Eigen::Vector3f>& source,
+                            const Pose& map_from_source, const Parallel& parallel) {
+  constexpr std::size_t kPoints = 1500;
+  constexpr double kReach = 1.0;  // [m]
+  constexpr float kScale2 = 0.2F * 0.2F;
+  if (map.empty() || source.empty()) return 0.0;
+  const std::size_t stride = (source.size() + kPoints - 1) / kPoints;
+  origin_ = map.locate(map_from_source.translation).voxel;
+  const Eigen::Vector3d origin = origin_.cast<double>() * map.voxel_size_m();
+  const Pose local(map_from_source.rotation, map_from_source.translation - origin);
+  correspondences_.assign(source.size(), Correspondence());
+  IcpResult ignored;
+  linearise(map, source, stride, local, kReach / 3.0, parallel, ignored);
+  const Eigen::Matrix3f r = local.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f t = local.translation.cast<float>();
+  double sum = 0.0;
+  std::size_t asked = 0;
+  for (std::size_t i = 0; i < source.size(); ++i) {
+    const Correspondence& c = correspondences_[i];
+    if (c.other_distance < 0.0F) continue;
+    ++asked;
+    if (c.voxel < 0) continue;
+    const Eigen::Vector3f d = r * source[i] + t - c.target;
+    const float squared = d.squaredNorm(), e = c.normal.dot(d);
+    if (squared > static_cast<float>(kReach * kReach)) continue;
+    sum += static_cast<double>(kScale2 / (kScale2 + (c.normal != Eigen::Vector3f::Zero() ? e * e : squared)));
+  }
+  return asked > 0 ? sum / static_cast<double>(asked) : 0.0;
 }
 
 }  // namespace hp2

@@ -74,7 +74,8 @@ void MotionModel::add(const Pose& pose, std::int64_t utime) {
   if (has_pose_) {
     // Of two intervals the one that is hardly any is no measure of a velocity.
     constexpr double kLeast = 0.25;
-    const auto old_interval = static_cast<double>(interval_), new_interval = static_cast<double>(interval_us(utime));
+    const auto old_interval = static_cast<double>(interval_),
+               new_interval = static_cast<double>(interval_us(utime));
     const Vector6d before = motion_ / std::max(old_interval, kLeast * new_interval);
     interval_ = interval_us(utime);
     motion_ = se3_log(last_.inverse() * pose);

@@ -64,9 +64,8 @@ class MotionModel {
     jerk_.setZero();
     learned_ = 0;
   }
-  /// The last pose, if there is one, was `pose`, and the sensor moves at `velocity` [twist / us].
-  void start(const Pose& pose, const Vector6d& velocity) {
-    last_ = pose;
+  /// The sensor moves at `velocity` [twist / us].
+  void start(const Vector6d& velocity) {
     motion_ = static_cast<double>(interval_) * velocity;
     has_motion_ = true;
   }

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 
 namespace hp2 {
 namespace {
@@ -13,9 +13,13 @@ namespace {
 constexpr std::size_t kScans = 16;     // that decide
 constexpr std::size_t kScreening = 7;  // after so many the unlikely candidates are given up
 constexpr std::size_t kFinalists = 6;
+constexpr std::size_t kLeastRegistered = 8;
 constexpr double kDoubtful = 0.1;   // median smallest eigenvalue ratio below which the start is searched
 constexpr double kSpacing_m = 0.5;  // a scan interval, from candidate to candidate: ICP reaches farther
 constexpr int kSteps = 8;           // candidates to each side
+// Scans may be missing, and stamps may be off by so much of an interval; else there is no telling what is
+// smooth.
+constexpr double kMostIntervals = 4.0, kJitter = 0.3;
 // Candidates that have come to one way: the same place [m], and motion [m] in the last interval.
 constexpr double kSamePlace = 0.1, kSameStep = 0.05;
 constexpr double kRoughness = 0.04, kSmooth_m_s = 0.5;  // weight of the way's roughness, and its floor
@@ -23,12 +27,27 @@ constexpr double kClearly = 0.003;
 
 Vector6d step(const Pose& from, const Pose& to) { return se3_log(from.inverse() * to); }
 
+// Velocity in each interval [twist / us].
+std::vector<Vector6d> velocities(const std::vector<Pose>& poses, const std::vector<double>& intervals) {
+  std::vector<Vector6d> out;
+  for (std::size_t i = 1; i < poses.size(); ++i)
+    out.push_back(step(poses[i - 1], poses[i]) / intervals[i - 1]);
+  return out;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 }  // namespace
 
-void StartSearch::Way::add(const Track& track) {
+void StartSearch::Way::add(const Track& track, TrackingState state) {
   poses.push_back(track.last_pose());
-  if (poses.size() < 2) return;
+  states.push_back(state);
   const IcpResult& icp = track.last_registration();
+  if (poses.size() < 2 || icp.n_planar + icp.n_non_planar == 0) return;
   agreement += track.agreement();
   information += icp.information;
   eigenvalue_ratios.push_back(icp.min_eigenvalue_ratio);
@@ -38,33 +57,49 @@ void StartSearch::begin(const Track& followed) {
   end();
   base_ = followed;
   scans_.emplace_back().utime = followed.last_utime();
-  followed_.add(followed);
+  followed_.add(followed, TrackingState::kTracking);
 }
 
-bool StartSearch::add(const StampedCloud& scan, const Track& followed) {
+bool StartSearch::add(const StampedCloud& scan, TrackingState state, const Track& followed) {
   scans_.push_back(scan);
-  followed_.add(followed);
+  followed_.add(followed, state);
   return scans_.size() >= kScans;
 }
 
-// Velocity in each interval [twist / us].
-std::vector<Vector6d> StartSearch::velocities(const Way& way) const {
-  std::vector<Vector6d> out;
-  for (std::size_t i = 1; i < way.poses.size(); ++i) {
-    const auto dt = static_cast<double>(scans_[i].utime - scans_[i - 1].utime);
-    out.push_back(step(way.poses[i - 1], way.poses[i]) / dt);
-  }
+StartSearch::Intervals StartSearch::stamped() const {
+  Intervals out;
+  for (std::size_t i = 1; i < scans_.size(); ++i)
+    out.push_back(static_cast<double>(scans_[i].utime - scans_[i - 1].utime));
   return out;
+}
+
+double StartSearch::usual_interval() const { return median(stamped()); }
+
+// As they are if the sensor turns evenly and it is the stamps that jitter.
+StartSearch::Intervals StartSearch::even() const {
+  Intervals out = stamped();
+  const double usual = usual_interval();
+  for (double& dt : out) dt = usual * std::max(1.0, std::round(dt / usual));
+  return out;
+}
+
+// RMS of the change of velocity from interval to interval [m/s].
+double StartSearch::roughness(const Way& way, const Intervals& intervals) {
+  const auto v = velocities(way.poses, intervals);
+  double squares = 0.0;
+  for (std::size_t i = 1; i < v.size(); ++i) squares += (v[i] - v[i - 1]).head<3>().squaredNorm();
+  return 1e6 * std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, v.size() - 1)));
 }
 
 // Mean agreement with the map, less what the way's jumps from interval to interval make unlikely.
 double StartSearch::score(const Way& way) const {
-  const auto v = velocities(way);
-  double squares = 0.0;
-  for (std::size_t i = 1; i < v.size(); ++i) squares += (v[i] - v[i - 1]).head<3>().squaredNorm();
-  const double rough_m_s =
-      1e6 * std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, v.size() - 1)));
-  return way.agreement / static_cast<double>(v.size()) - kRoughness * std::log(kSmooth_m_s + rough_m_s);
+  const double rough_m_s = std::min(roughness(way, stamped()), roughness(way, even()));
+  return way.agreement / static_cast<double>(way.poses.size() - 1) -
+         kRoughness * std::log(kSmooth_m_s + rough_m_s);
+}
+
+double StartSearch::score(const Candidate& candidate) const {
+  return candidate.lost ? -std::numeric_limits<double>::infinity() : score(candidate.way);
 }
 
 // In the sensor's frame at the start: along which the scans tell the motion the least.
@@ -77,103 +112,107 @@ Eigen::Vector3d StartSearch::weak_direction() const {
 // speed then, along the direction that was searched.
 Vector6d StartSearch::better_velocity(const Way& way) const {
   constexpr std::size_t kBent = 3;
-  const auto v = velocities(way);
+  const Intervals intervals = roughness(way, even()) < roughness(way, stamped()) ? even() : stamped();
+  const auto v = velocities(way.poses, intervals);
   const Eigen::Vector3d direction = weak_direction();
-  double n = 0.0, t = 0.0, s = 0.0, tt = 0.0, ts = 0.0;  // sums of a line s(t)
-  for (std::size_t i = kBent; i < v.size(); ++i) {
-    const double time = static_cast<double>(scans_[i + 1].utime - scans_[0].utime);
+  double time = 0.0, n = 0.0, t = 0.0, s = 0.0, tt = 0.0, ts = 0.0;  // sums of a line s(time)
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    time += intervals[i];
+    if (i < kBent) continue;
     const double speed = direction.dot(v[i].head<3>());
     n += 1.0, t += time, s += speed, tt += time * time, ts += time * speed;
   }
   const double determinant = n * tt - t * t;
   Vector6d out = v[0];
-  if (determinant > 0.0)
-    out.head<3>() += ((tt * s - t * ts) / determinant - direction.dot(out.head<3>())) * direction;
+  if (determinant > 0.0) {
+    const double speed = (tt * s - t * ts) / determinant;
+    out.head<3>() += (speed - direction.dot(out.head<3>())) * direction;
+  }
   return out;
 }
 
 // Through scans_[way.poses.size()..until); from the first one on if it has not been begun.
-void StartSearch::run(Candidate& candidate, std::size_t until, const Pose& first,
-                      const Parallel& parallel) const {
+void StartSearch::run(Candidate& candidate, std::size_t until, const Parallel& parallel) const {
   if (!candidate.track) {
     candidate.track = base_;
-    candidate.track->start_with(first, candidate.velocity, scans_[1].duration_us, parallel);
-    candidate.way = {};
-    candidate.way.add(*candidate.track);
+    candidate.track->start_with(candidate.velocity, scans_[1].duration_us, parallel);
+    candidate.way.add(*candidate.track, TrackingState::kTracking);
   }
   Remarks ignored;  // the track that was followed has made them
-  for (std::size_t i = candidate.way.poses.size(); i < until; ++i) {
+  for (std::size_t i = candidate.way.poses.size(); i < until && !candidate.lost; ++i) {
     candidate.results.push_back(candidate.track->process(scans_[i], parallel, ignored, true).odometry);
-    candidate.way.add(*candidate.track);
+    const TrackingState state = candidate.results.back().state;
+    candidate.lost = state == TrackingState::kLost && followed_.states[i] != TrackingState::kLost;
+    candidate.way.add(*candidate.track, state);
   }
 }
 
 // The most likely candidates, each at another place after the first scans.
 std::vector<StartSearch::Candidate> StartSearch::screen(const Parallel& parallel) const {
   const Eigen::Vector3d direction = weak_direction();
-  const double interval = static_cast<double>(scans_.back().utime - scans_.front().utime) /
-                          static_cast<double>(scans_.size() - 1);
-  std::vector<Candidate> all;
+  std::vector<Candidate> all(2 * kSteps + 1);
   for (int k = -kSteps; k <= kSteps; ++k) {
-    Candidate c;
-    c.velocity.setZero();
-    c.velocity.head<3>() = k * kSpacing_m / interval * direction;
-    all.push_back(std::move(c));
+    all[static_cast<std::size_t>(k + kSteps)].velocity.head<3>() =
+        k * kSpacing_m / usual_interval() * direction;
   }
-  const Pose first = base_->last_pose();
-  parallel.for_blocks(all.size(), 1, [&](std::size_t i, std::size_t, std::size_t) {
-    run(all[i], kScreening, first, parallel);
-  });
+  parallel.for_blocks(all.size(), 1,
+                      [&](std::size_t i, std::size_t, std::size_t) { run(all[i], kScreening, parallel); });
   std::stable_sort(all.begin(), all.end(),
-                   [&](const Candidate& a, const Candidate& b) { return score(a.way) > score(b.way); });
+                   [&](const Candidate& a, const Candidate& b) { return score(a) > score(b); });
   std::vector<Candidate> kept;
   for (Candidate& c : all) {
     const auto same = [&](const Candidate& k) {
       const auto &a = c.way.poses, &b = k.way.poses;
+      const Vector6d change = step(a[kScreening - 2], a.back()) - step(b[kScreening - 2], b.back());
       return (a.back().translation - b.back().translation).norm() < kSamePlace &&
-             (step(a[kScreening - 2], a.back()) - step(b[kScreening - 2], b.back())).head<3>().norm() <
-                 kSameStep;
+             change.head<3>().norm() < kSameStep;
     };
-    if (std::any_of(kept.begin(), kept.end(), same)) continue;
+    if (c.lost || std::any_of(kept.begin(), kept.end(), same)) continue;
     kept.push_back(std::move(c));
     if (kept.size() == kFinalists) break;
   }
   return kept;
 }
 
-// Where most scans tell the motion in all directions the first ones did, too. Where the clock does not go on
-// there is no speed.
+// Where most scans tell the motion in all directions the first ones did, too.
 bool StartSearch::doubtful() const {
-  const auto later = [](const StampedCloud& a, const StampedCloud& b) { return b.utime <= a.utime; };
-  if (std::adjacent_find(scans_.begin(), scans_.end(), later) != scans_.end()) return false;
-  auto ratios = followed_.eigenvalue_ratios;
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  return *middle < kDoubtful;
+  const double usual = usual_interval();
+  if (!(usual > 0.0)) return false;
+  for (const double dt : stamped()) {
+    const double n = std::round(dt / usual);
+    if (!(n >= 1.0 && n <= kMostIntervals && std::abs(dt / usual - n) <= kJitter)) return false;
+  }
+  const auto& ratios = followed_.eigenvalue_ratios;
+  return ratios.size() >= kLeastRegistered && median(ratios) < kDoubtful;
 }
 
 std::optional<FoundStart> StartSearch::find(const Track& followed, const Parallel& parallel) const {
   if (!doubtful()) return std::nullopt;
-  const Pose first = base_->last_pose();
-  const std::size_t all = scans_.size();
-  std::vector<Candidate> finalists = screen(parallel);
-  parallel.for_blocks(finalists.size(), 1, [&](std::size_t i, std::size_t, std::size_t) {
-    run(finalists[i], all, first, parallel);
-  });
-  Candidate* best =
-      &*std::max_element(finalists.begin(), finalists.end(),
-                         [&](const Candidate& a, const Candidate& b) { return score(a.way) < score(b.way); });
-  Candidate refined;
-  refined.velocity = better_velocity(best->way);
-  run(refined, all, first, parallel);
-  if (score(refined.way) > score(best->way)) best = &refined;
-  if (!(score(best->way) > score(followed_) + kClearly)) return std::nullopt;
-  if (base_->begins_session()) {
-    const Pose by = followed.last_pose() * best->way.poses.back().inverse();
-    best->track->move(by);
-    for (OdometryResult& r : best->results) r.odom_from_sensor = by * r.odom_from_sensor;
+  std::vector<Candidate> candidates = screen(parallel);
+  if (candidates.empty()) return std::nullopt;
+  const auto run_from = [&](std::size_t first) {
+    parallel.for_blocks(candidates.size() - first, 1, [&](std::size_t i, std::size_t, std::size_t) {
+      run(candidates[first + i], scans_.size(), parallel);
+    });
+    return std::max_element(candidates.begin(), candidates.end(),
+                            [&](const Candidate& a, const Candidate& b) { return score(a) < score(b); });
+  };
+  // Two more: from the speed that the best of them came to, and from that of the track followed, which began
+  // blindly and with a scale to match.
+  const Vector6d refined = better_velocity(run_from(0)->way);
+  const std::size_t finalists = candidates.size();
+  candidates.resize(finalists + 2);
+  candidates[finalists].velocity = refined;
+  candidates[finalists + 1].velocity = better_velocity(followed_);
+  const auto best = run_from(finalists);
+  if (!(score(*best) > score(followed_) + kClearly)) return std::nullopt;
+  FoundStart found{std::move(*best->track), std::move(best->results), base_->begins_session()};
+  if (found.moved) {
+    const Pose by = followed.last_pose() * found.track.last_pose().inverse();
+    found.track.move(by);
+    for (OdometryResult& r : found.results) r.odom_from_sensor = by * r.odom_from_sensor;
   }
-  return FoundStart{std::move(*best->track), std::move(best->results)};
+  return found;
 }
 
 }  // namespace hp2

@@ -16,6 +16,7 @@ namespace hp2 {
 struct FoundStart {
   Track track;
   std::vector<OdometryResult> results;  ///< What it says of each of them but the first.
+  bool moved = false;                   ///< The first one is elsewhere now: track.builder().odom_from_submap().
 };
 
 /// The first scans of a start, and the search for another way through them.
@@ -26,11 +27,12 @@ class StartSearch {
   void end() { base_.reset(), scans_.clear(), followed_ = {}; }
   /// True from begin() to end().
   bool open() const { return base_.has_value(); }
-  /// Another scan, which `followed` has just been given. @return true if there are enough now
-  bool add(const StampedCloud& scan, const Track& followed);
+  /// Another scan, which `followed` has just been given with this outcome. @return true if there are enough now
+  bool add(const StampedCloud& scan, TrackingState state, const Track& followed);
 
   /// The track that explains the scans clearly better than the one followed, if there is one: it has been
-  /// given all of them. Its odometry ends at `followed.last_pose()`: the past is corrected, not the present.
+  /// given all of them. At the start of a session its odometry ends at `followed.last_pose()`: the past is
+  /// corrected, not the present. (After a loss the first pose stays, which was a guess, and the present moves.)
   /// Takes as long as some 150 scans where the speed is doubtful, no time where it is not.
   std::optional<FoundStart> find(const Track& followed, const Parallel& parallel) const;
 
@@ -38,25 +40,32 @@ class StartSearch {
   // How a track went through the scans.
   struct Way {
     std::vector<Pose> poses;  // one a scan
-    double agreement = 0.0;   // sum of Track::agreement()
+    std::vector<TrackingState> states;
+    std::vector<double> eigenvalue_ratios;  // of registered ones
+    double agreement = 0.0;                 // sum of Track::agreement()
     Matrix6d information = Matrix6d::Zero();
-    std::vector<double> eigenvalue_ratios;
 
-    void add(const Track& track);
+    void add(const Track& track, TrackingState state);
   };
   struct Candidate {
-    Vector6d velocity;  // to begin with [twist / us]
+    Vector6d velocity = Vector6d::Zero();  // to begin with [twist / us]
     std::optional<Track> track;
     std::vector<OdometryResult> results;
     Way way;
+    bool lost = false;  // where the track that was followed was not
   };
+  using Intervals = std::vector<double>;  // between the scans [us]
 
-  std::vector<Vector6d> velocities(const Way& way) const;
+  double usual_interval() const;
+  Intervals stamped() const;
+  Intervals even() const;
+  static double roughness(const Way& way, const Intervals& intervals);
   double score(const Way& way) const;
+  double score(const Candidate& candidate) const;
   bool doubtful() const;
   Eigen::Vector3d weak_direction() const;
   Vector6d better_velocity(const Way& way) const;
-  void run(Candidate& candidate, std::size_t until, const Pose& first, const Parallel& parallel) const;
+  void run(Candidate& candidate, std::size_t until, const Parallel& parallel) const;
   std::vector<Candidate> screen(const Parallel& parallel) const;
 
   std::optional<Track> base_;

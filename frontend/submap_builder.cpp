@@ -14,10 +14,7 @@ constexpr std::size_t kWorthASubmap = 10;
 
 }  // namespace
 
-SubmapBuilder::SubmapBuilder(double voxel_m, const Pose& first)
-    : inverse_voxel_(1.0 / voxel_m), last_odom_from_sensor_(first) {
-  submap_.odom_from_submap = first;
-}
+SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
 
 void SubmapBuilder::find_new(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
                              const Parallel& parallel) {
@@ -41,7 +38,7 @@ void SubmapBuilder::find_new(const std::vector<Eigen::Vector3f>& points, const P
 }
 
 std::optional<Submap> SubmapBuilder::add_new(const Pose& odom_from_sensor, ScanPose& scan,
-                                             std::int64_t skipped_before, double length_m) {
+                                             std::int64_t skipped_before, double length_m, bool cut_at_loss) {
   scan.submap_from_sensor = submap_.odom_from_submap.inverse() * odom_from_sensor;
   const bool first_of_session = submap_.id == 0 && submap_.scans.empty();
   const bool lost_here = scan.state == TrackingState::kLost &&
@@ -63,8 +60,8 @@ std::optional<Submap> SubmapBuilder::add_new(const Pose& odom_from_sensor, ScanP
   }
   new_parts_ = 0;
   submap_.scans.push_back(scan);
-  const bool cut_at_loss = lost_here && submap_.scans.size() > kWorthASubmap;
-  if (submap_.travelled_m < length_m && !cut_at_loss) return std::nullopt;
+  const bool lost_part = cut_at_loss && lost_here && submap_.scans.size() > kWorthASubmap;
+  if (submap_.travelled_m < length_m && !lost_part) return std::nullopt;
   return cut();
 }
 

@@ -19,8 +19,7 @@ namespace hp2 {
 class SubmapBuilder {
  public:
   /// @param voxel_m  one point a voxel of this edge is kept
-  /// @param first    keypose of the session's first submap
-  explicit SubmapBuilder(double voxel_m, const Pose& first = Pose());
+  explicit SubmapBuilder(double voxel_m);
 
   std::int64_t id() const { return submap_.id; }
   const Pose& odom_from_submap() const { return submap_.odom_from_submap; }
@@ -46,7 +45,7 @@ class SubmapBuilder {
   void find_new(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
                 const Parallel& parallel);
   std::optional<Submap> add_new(const Pose& odom_from_sensor, ScanPose& scan, std::int64_t skipped_before,
-                                double length_m);
+                                double length_m, bool cut_at_loss = true);
   /// Moves the open submap in the odometry's frame.
   void move(const Pose& by) {
     submap_.odom_from_submap = by * submap_.odom_from_submap;

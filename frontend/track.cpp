@@ -33,7 +33,7 @@ void Track::deskew(const Vector6d& sweep_twist) {
 }
 
 void Track::deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
-                              std::vector<Eigen::Vector3f>& out) const {
+                     std::vector<Eigen::Vector3f>& out) const {
   out = cloud.points;
   if (cloud.time.empty() || !(sweep_twist.norm() > 0.0)) return;
   const Deskew move(sweep_twist);
@@ -56,6 +56,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   parallel_ = &parallel;
   remarks_ = &remarks;
   last_registration_ = IcpResult();
+  agreement_ = 0.0;
   FrontendOutput out;
   OdometryResult& o = out.odometry;
   o.sequence = scan.sequence;
@@ -66,7 +67,8 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   last_sequence_ = scan.sequence;
 
   if (motion_.time_is_broken(o.utime)) {
-    remarks.once(4, "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
+    remarks.once(4,
+                 "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
   }
   const Pose predicted = motion_.predict(o.utime);
   const Vector6d predicted_twist = motion_.sweep_twist(scan.duration_us);
@@ -80,8 +82,8 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   const double sigma = std::min(prediction_error, config_.max_sigma_m);
   o.diagnostics.sigma = static_cast<float>(sigma);
   if (source_.empty()) {
-    remarks.once(5,
-                 "a scan has no usable point (all are out of range or not finite): its pose is the prediction");
+    remarks.once(
+        5, "a scan has no usable point (all are out of range or not finite): its pose is the prediction");
     o.state = TrackingState::kLost;
   } else if (!map_.empty()) {
     const PosePrior prior = motion_.prior(o.utime);
@@ -109,6 +111,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
     }
     const bool lost = !second && astray(sigma, icp);
     last_registration_ = icp;
+    agreement_ = keep_open ? icp_.agreement(map_, source_, icp.map_from_source, parallel) : 0.0;
     o.covariance = registration_covariance(icp, sigma);
     // At the start a weak direction may have settled on a wrong speed, which the map made with it confirms.
     if (motion_.is_new() && icp.min_eigenvalue_ratio < kDegenerate) o.covariance *= kDoubtfulSpeed;
@@ -148,7 +151,8 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   if (o.state == TrackingState::kLost) {
     o.covariance = guess_covariance(before.inverse() * predicted);
   } else {
-    // Also where scans come without times: somebody has deskewed them with a motion of his own, or nobody has.
+    // Also where scans come without times: somebody has deskewed them with a motion of his own, or nobody
+    // has.
     o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
   }
   o.odom_from_sensor = pose;
@@ -159,15 +163,16 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   entry.covariance = o.covariance;
   entry.state = o.state;
   entry.diagnostics = o.diagnostics;
-  const double submap_length =
-      keep_open ? std::numeric_limits<double>::infinity() : submap_length_m();
+  const double submap_length = keep_open ? std::numeric_limits<double>::infinity() : submap_length_m();
   map_.find_candidates(points_, pose, parallel);
   builder_.find_new(source_, pose, parallel);
   parallel.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
     if (block == 0) {
       map_.insert_candidates();
     } else {
-      out.finished_submap = builder_.add_new(pose, entry, o.n_skipped, submap_length);
+      // A scan without points is no reason to settle the start that is being searched.
+      out.finished_submap =
+          builder_.add_new(pose, entry, o.n_skipped, submap_length, !keep_open || at_start());
     }
   });
   // Eviction visits every block, so it waits until the sensor has moved by a few of them.

@@ -56,18 +56,15 @@ class Track {
         scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window),
         builder_(config.submap_voxel_m) {}
 
-  /// @param keep_open the open submap is not cut for its length
+  /// @param keep_open the open submap is not cut unless a new start begins, and agreement() is taken
   FrontendOutput process(const StampedCloud& scan, const Parallel& parallel, Remarks& remarks,
                          bool keep_open);
   std::optional<Submap> finish() { return builder_.finish(); }
 
   /// True between a first scan, of the session or after a loss, and the second: the speed is unknown.
   bool at_start() const { return !first_cloud_.points.empty(); }
-  /// At a start: the first scan was at `pose`, and the sensor moved at `velocity` [twist / us], in sweeps of
-  /// `duration_us`.
-  void start_with(const Pose& pose, const Vector6d& velocity, std::int64_t duration_us,
-                  const Parallel& parallel);
-
+  /// At a start: the sensor moved at `velocity` [twist / us] in the first scan, in sweeps of `duration_us`.
+  void start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel);
   /// True while the first scan of the session is the only one.
   bool begins_session() const { return builder_.id() == 0 && builder_.open_scans().size() == 1; }
   /// Moves the whole way, the open submap and the map.
@@ -79,8 +76,8 @@ class Track {
   SubmapBuilder& builder() { return builder_; }
   /// Of the last scan; empty if it was not registered.
   const IcpResult& last_registration() const { return last_registration_; }
-  /// HybridIcp::agreement() of the last scan.
-  double agreement() const { return icp_.agreement(source_, motion_.last_pose()); }
+  /// HybridIcp::agreement() of the last scan; 0 if it was not registered.
+  double agreement() const { return agreement_; }
 
   /// Right after a submap was cut only.
   void save(ByteWriter& out) const;
@@ -112,6 +109,7 @@ class Track {
   Eigen::Vector3d evicted_at_ = Eigen::Vector3d::Zero();  // where the map was last cut to its radius
   PreprocessedScan first_cloud_;  // of the first scan, until the second has told how fast the sensor was then
   IcpResult last_registration_;
+  double agreement_ = 0.0;
 
   // Of the scan under way, and buffers kept from scan to scan.
   const StampedCloud* scan_ = nullptr;

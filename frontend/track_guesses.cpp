@@ -91,10 +91,10 @@ void Track::begin_anew() {
   first_cloud_ = scan_->cloud;
 }
 
-void Track::start_with(const Pose& pose, const Vector6d& velocity, std::int64_t duration_us,
-                       const Parallel& parallel) {
+void Track::start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel) {
   parallel_ = &parallel;
-  motion_.start(pose, velocity);
+  const Pose pose = motion_.last_pose();
+  motion_.start(velocity);
   scale_ = AdaptiveScale(std::min(kKnownStart_m, config_.initial_sigma_m), config_.min_sigma_m,
                          config_.sigma_window);
   deskewed(first_cloud_, motion_.sweep_twist(duration_us), points_);
@@ -104,7 +104,7 @@ void Track::start_with(const Pose& pose, const Vector6d& velocity, std::int64_t 
     source_.clear();
     for (const std::uint32_t i : first_cloud_.source) source_.push_back(points_[i]);
     ScanPose first = builder_.open_scans().front();
-    builder_ = SubmapBuilder(config_.submap_voxel_m, pose);
+    builder_ = SubmapBuilder(config_.submap_voxel_m);
     builder_.add(source_, pose, first, 0, std::numeric_limits<double>::infinity());
   }
   first_cloud_ = PreprocessedScan();

@@ -116,7 +116,10 @@ void LcmBus::subscribe(const std::string& channel, Callback callback, int queue_
   }
   lcm_->subscriptions.push_back(std::move(subscription));
   wanted_.channels.push_back(channel);
-  if (passes_over_) passes_over_ = filter_.attach(url_, wanted_);
+  if (passes_over_ && !filter_.attach(url_, wanted_)) {
+    passes_over_ = false;
+    filter_.attach(url_);  // the one that is there would keep the new channel away
+  }
 }
 
 void LcmBus::set_address(const std::string& channel, std::uint64_t type, std::size_t offset,

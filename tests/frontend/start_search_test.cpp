@@ -32,12 +32,12 @@ const Cloud& bridge() {
   return cloud;
 }
 
-Scan bridge_scan(int i) {
+Scan bridge_scan(int i, double x) {
   Dice dice(100 + static_cast<unsigned>(i));
   Scan scan;
   scan.sequence = i;
   scan.utime = 1'000'000 + 100'000 * i;
-  const Eigen::Vector3f at(static_cast<float>(kStep * i), 0.0F, 0.0F);
+  const Eigen::Vector3f at(static_cast<float>(x), 0.0F, 0.0F);
   for (const auto& p : bridge()) {
     const Eigen::Vector3f q = p - at;
     if (q.norm() > 30.0F || dice.uniform(0, 1) < 0.5) continue;
@@ -47,6 +47,8 @@ Scan bridge_scan(int i) {
   }
   return scan;
 }
+
+Scan bridge_scan(int i) { return bridge_scan(i, kStep * i); }
 
 StampedCloud stamped(const Scan& scan, const Parallel& parallel) {
   const FrontendConfig c;
@@ -78,11 +80,11 @@ TEST(StartSearch, FindsTheSpeedThatATrackHasMissed) {
   ASSERT_TRUE(followed.at_start());
   StartSearch search;
   search.begin(followed);
-  followed.start_with(Pose(), Vector6d::Zero(), 0, parallel);  // as if it stood still
+  followed.start_with(Vector6d::Zero(), 0, parallel);  // as if it stood still
   for (int i = 1; i < kScans; ++i) {
     const StampedCloud scan = stamped(bridge_scan(i), parallel);
-    followed.process(scan, parallel, remarks, true);
-    EXPECT_EQ(search.add(scan, followed), i + 1 == kScans);
+    const TrackingState state = followed.process(scan, parallel, remarks, true).odometry.state;
+    EXPECT_EQ(search.add(scan, state, followed), i + 1 == kScans);
   }
   const double missed = kStep * (kScans - 1) - followed.last_pose().translation.x();
   ASSERT_GT(missed, 1.0) << "nothing was missed: the test is void";
@@ -117,8 +119,7 @@ TEST(StartSearch, LeavesAWellObservedStartAlone) {
   search.begin(followed);
   for (int i = 1; i < kScans; ++i) {
     const StampedCloud scan = stamped(room_scan(i), parallel);
-    followed.process(scan, parallel, remarks, true);
-    search.add(scan, followed);
+    search.add(scan, followed.process(scan, parallel, remarks, true).odometry.state, followed);
   }
   EXPECT_FALSE(search.find(followed, parallel).has_value());
 }
@@ -131,11 +132,11 @@ TEST(StartSearch, AClockThatStandsStillIsNoSpeed) {
   for (int i = 0; i < kScans; ++i) {
     StampedCloud scan = stamped(bridge_scan(i), parallel);
     scan.utime = 5;
-    followed.process(scan, parallel, remarks, true);
+    const TrackingState state = followed.process(scan, parallel, remarks, true).odometry.state;
     if (i == 0) {
       search.begin(followed);
     } else {
-      search.add(scan, followed);
+      search.add(scan, state, followed);
     }
   }
   EXPECT_FALSE(search.find(followed, parallel).has_value());
@@ -191,6 +192,77 @@ TEST(Frontend, RevisesAStartThatItMissed) {
     const Pose step = said[i - 1].odom_from_sensor.inverse() * said[i].odom_from_sensor;
     EXPECT_LT((step.translation - Eigen::Vector3d(kStep, 0, 0)).norm(), 0.2) << "scan " << i;
   }
+}
+
+// A start at a speed that registration finds by itself, with stamps that are not what they should be: nothing
+// may talk it into standing still.
+class BrokenClock : public ::testing::TestWithParam<int> {};
+
+TEST_P(BrokenClock, LeavesARightStartAlone) {
+  constexpr double kSlower = 1.6;
+  Frontend frontend{FrontendConfig()};
+  Dice dice(3);
+  std::vector<double> at, is;
+  for (int i = 0; i < 24; ++i) {
+    const double x = kSlower * i;
+    Scan scan = bridge_scan(i, x);
+    const auto jitter = static_cast<std::int64_t>(dice.uniform(-15'000, 15'000));
+    if (GetParam() == 0 && i == 5) scan.utime += 60'000;
+    if (GetParam() == 1 && i == 9) scan.utime += 40'000;
+    if (GetParam() == 2 && i >= 8) scan.utime += 1'000'000'000;
+    if (GetParam() == 3) scan.utime += jitter;
+    const FrontendOutput out = frontend.process(scan);
+    for (const OdometryResult& r : out.revised) {
+      is[static_cast<std::size_t>(r.sequence)] = r.odom_from_sensor.translation.x();
+    }
+    at.push_back(x);
+    is.push_back(out.odometry.odom_from_sensor.translation.x());
+  }
+  EXPECT_NEAR(is.back() - is.front(), at.back() - at.front(), 2.0);
+  for (std::size_t i = 18; i < at.size(); ++i) EXPECT_NEAR(is[i] - is[i - 1], kSlower, 0.2) << "scan " << i;
+}
+
+INSTANTIATE_TEST_SUITE_P(Clocks, BrokenClock, ::testing::Range(0, 4));
+
+// A scan without points among the first ones belongs to the session like any other, and so do those before a
+// loss; a front-end that takes up the session at the loss does what this one does.
+TEST(StartSearch, EmptyScansAndALossLeaveNothingOut) {
+  Frontend frontend{FrontendConfig()}, resumed{FrontendConfig(), 2};
+  bool lost = false;
+  std::size_t revised = 0;
+  std::vector<std::int64_t> sequences;
+  const auto collect = [&](const Submap& submap) {
+    for (const ScanPose& s : submap.scans) sequences.push_back(s.sequence);
+  };
+  constexpr int kLoss = 25, kEnd = kLoss + kScans + 4;
+  for (int i = 0; i < kEnd; ++i) {
+    // Standing, then after 5 s somewhere else at full speed.
+    Scan scan = i < kLoss ? room_scan(0) : bridge_scan(i, kStep * (i - kLoss));
+    scan.sequence = i;
+    scan.utime = 1'000'000 + 100'000 * i + (i < kLoss ? 0 : 5'000'000);
+    if (i == 1 || i == 12 || i == kLoss + 3) scan.x = scan.y = scan.z = {};
+    const FrontendOutput out = frontend.process(scan);
+    if (lost) {
+      const FrontendOutput same = resumed.process(scan);
+      EXPECT_TRUE(test::same_bits(out.odometry.odom_from_sensor, same.odometry.odom_from_sensor)) << i;
+      ASSERT_EQ(out.revised.size(), same.revised.size());
+      for (std::size_t k = 0; k < out.revised.size(); ++k) {
+        EXPECT_TRUE(test::same_bits(out.revised[k].odom_from_sensor, same.revised[k].odom_from_sensor));
+      }
+      EXPECT_EQ(out.finished_submap.has_value(), same.finished_submap.has_value());
+    }
+    revised += out.revised.size();
+    if (out.finished_submap) collect(*out.finished_submap);
+    if (i == kLoss) {
+      ASSERT_TRUE(out.finished_submap.has_value());
+      resumed.restore_state(frontend.save_state());
+      lost = true;
+    }
+  }
+  if (const auto last = frontend.finish()) collect(*last);
+  EXPECT_GT(revised, 0U) << "no start was searched: the test is void";
+  ASSERT_EQ(sequences.size(), static_cast<std::size_t>(kEnd));
+  for (std::size_t i = 0; i < sequences.size(); ++i) EXPECT_EQ(sequences[i], static_cast<std::int64_t>(i));
 }
 
 }  // namespace
