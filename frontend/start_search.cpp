@@ -14,16 +14,16 @@ constexpr std::size_t kScans = 16;     // that decide
 constexpr std::size_t kScreening = 7;  // after so many the unlikely candidates are given up
 constexpr std::size_t kFinalists = 6;
 constexpr std::size_t kLeastRegistered = 8;
-constexpr double kDoubtful = 0.1;   // median smallest eigenvalue ratio below which the start is searched
-constexpr double kSpacing_m = 0.5;  // a scan interval, from candidate to candidate: ICP reaches farther
-constexpr int kSteps = 8;           // candidates to each side
+constexpr double kDoubtful = 0.075;  // median smallest eigenvalue ratio below which the start is searched
+constexpr double kSpacing_m = 0.5;   // a scan interval, from candidate to candidate: ICP reaches farther
+constexpr int kSteps = 8;            // candidates to each side
 // Scans may be missing, and stamps may be off by so much of an interval; else there is no telling what is
 // smooth.
 constexpr double kMostIntervals = 4.0, kJitter = 0.3;
 // Candidates that have come to one way: the same place [m], and motion [m] in the last interval.
 constexpr double kSamePlace = 0.1, kSameStep = 0.05;
 constexpr double kRoughness = 0.04, kSmooth_m_s = 0.5;  // weight of the way's roughness, and its floor
-constexpr double kClearly = 0.003;
+constexpr double kClearly = 0.009;  // between chance (0.007 in a corridor) and need (0.015 on a highway)
 
 Vector6d step(const Pose& from, const Pose& to) { return se3_log(from.inverse() * to); }
 
@@ -147,29 +147,34 @@ void StartSearch::run(Candidate& candidate, std::size_t until, const Parallel& p
   }
 }
 
-// The most likely candidates, each at another place after the first scans.
+// The most likely candidates, each at another place after the first scans. A few at a time: each has a map.
 std::vector<StartSearch::Candidate> StartSearch::screen(const Parallel& parallel) const {
+  constexpr int kAtATime = 4;
   const Eigen::Vector3d direction = weak_direction();
-  std::vector<Candidate> all(2 * kSteps + 1);
-  for (int k = -kSteps; k <= kSteps; ++k) {
-    all[static_cast<std::size_t>(k + kSteps)].velocity.head<3>() =
-        k * kSpacing_m / usual_interval() * direction;
-  }
-  parallel.for_blocks(all.size(), 1,
-                      [&](std::size_t i, std::size_t, std::size_t) { run(all[i], kScreening, parallel); });
-  std::stable_sort(all.begin(), all.end(),
-                   [&](const Candidate& a, const Candidate& b) { return score(a) > score(b); });
+  const auto same = [](const Candidate& a, const Candidate& b) {
+    const Pose &at_a = a.way.poses.back(), &at_b = b.way.poses.back();
+    const Vector6d change = step(a.way.poses[kScreening - 2], at_a) - step(b.way.poses[kScreening - 2], at_b);
+    return (at_a.translation - at_b.translation).norm() < kSamePlace && change.head<3>().norm() < kSameStep;
+  };
   std::vector<Candidate> kept;
-  for (Candidate& c : all) {
-    const auto same = [&](const Candidate& k) {
-      const auto &a = c.way.poses, &b = k.way.poses;
-      const Vector6d change = step(a[kScreening - 2], a.back()) - step(b[kScreening - 2], b.back());
-      return (a.back().translation - b.back().translation).norm() < kSamePlace &&
-             change.head<3>().norm() < kSameStep;
-    };
-    if (c.lost || std::any_of(kept.begin(), kept.end(), same)) continue;
-    kept.push_back(std::move(c));
-    if (kept.size() == kFinalists) break;
+  for (int begin = -kSteps; begin <= kSteps; begin += kAtATime) {
+    const std::size_t before = kept.size();
+    for (int k = begin; k < begin + kAtATime && k <= kSteps; ++k) {
+      kept.emplace_back().velocity.head<3>() = k * kSpacing_m / usual_interval() * direction;
+    }
+    parallel.for_blocks(kept.size() - before, 1, [&](std::size_t i, std::size_t, std::size_t) {
+      run(kept[before + i], kScreening, parallel);
+    });
+    std::stable_sort(kept.begin(), kept.end(),
+                     [&](const Candidate& a, const Candidate& b) { return score(a) > score(b); });
+    std::vector<Candidate> best;
+    for (Candidate& c : kept) {
+      const auto same_as = [&](const Candidate& other) { return same(c, other); };
+      if (c.lost || std::any_of(best.begin(), best.end(), same_as)) continue;
+      best.push_back(std::move(c));
+      if (best.size() == kFinalists) break;
+    }
+    kept = std::move(best);
   }
   return kept;
 }
@@ -188,23 +193,27 @@ bool StartSearch::doubtful() const {
 
 std::optional<FoundStart> StartSearch::find(const Track& followed, const Parallel& parallel) const {
   if (!doubtful()) return std::nullopt;
-  std::vector<Candidate> candidates = screen(parallel);
-  if (candidates.empty()) return std::nullopt;
-  const auto run_from = [&](std::size_t first) {
-    parallel.for_blocks(candidates.size() - first, 1, [&](std::size_t i, std::size_t, std::size_t) {
-      run(candidates[first + i], scans_.size(), parallel);
-    });
-    return std::max_element(candidates.begin(), candidates.end(),
-                            [&](const Candidate& a, const Candidate& b) { return score(a) < score(b); });
+  std::optional<Candidate> best;
+  // Two at a time: each has a map.
+  const auto run_all = [&](std::vector<Candidate> candidates) {
+    while (!candidates.empty()) {
+      const std::size_t n = std::min<std::size_t>(2, candidates.size()), first = candidates.size() - n;
+      parallel.for_blocks(n, 1, [&](std::size_t i, std::size_t, std::size_t) {
+        run(candidates[first + i], scans_.size(), parallel);
+      });
+      for (; candidates.size() > first; candidates.pop_back()) {
+        if (!best || score(candidates.back()) > score(*best)) best = std::move(candidates.back());
+      }
+    }
   };
+  run_all(screen(parallel));
+  if (!best || best->lost) return std::nullopt;
   // Two more: from the speed that the best of them came to, and from that of the track followed, which began
   // blindly and with a scale to match.
-  const Vector6d refined = better_velocity(run_from(0)->way);
-  const std::size_t finalists = candidates.size();
-  candidates.resize(finalists + 2);
-  candidates[finalists].velocity = refined;
-  candidates[finalists + 1].velocity = better_velocity(followed_);
-  const auto best = run_from(finalists);
+  std::vector<Candidate> refined(2);
+  refined[0].velocity = better_velocity(best->way);
+  refined[1].velocity = better_velocity(followed_);
+  run_all(std::move(refined));
   if (!(score(*best) > score(followed_) + kClearly)) return std::nullopt;
   FoundStart found{std::move(*best->track), std::move(best->results), base_->begins_session()};
   if (found.moved) {
