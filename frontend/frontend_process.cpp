@@ -15,8 +15,7 @@ namespace {
 constexpr int kInWorker = 8;  // scans that are decoded or wait for it while one is registered
 constexpr std::int64_t kNothing = 0, kEverything = std::int64_t{1} << 62;
 constexpr std::int64_t kListenForTwinUs = 1'100'000;
-constexpr std::int64_t kBehindPatienceUs = 2'000'000;
-constexpr std::int64_t kLingerUs = 3'000'000;
+constexpr std::int64_t kBehindPatienceUs = 2'000'000, kLingerUs = 3'000'000;
 const char* const kBegunCounter = "session_begun";  // 1 from the moment on that scans may be registered
 
 }  // namespace
@@ -174,8 +173,8 @@ void FrontendProcess::end_session(const std::string& why) {
 }
 
 void FrontendProcess::publish(const OdometryResult& result) {
-  endpoint_.publish(kOdometryChannel,
-                    to_message(result, endpoint_.session_id(), endpoint_.sender_id(), odometry_number_++));
+  const std::int64_t session = endpoint_.session_id(), sender = endpoint_.sender_id();
+  endpoint_.publish(kOdometryChannel, to_message(result, session, sender, odometry_number_++));
 }
 
 void FrontendProcess::on_event(RegistrationEvent event) {
