@@ -82,6 +82,8 @@ class HybridIcp {
   explicit HybridIcp(const IcpConfig& config) : config_(config) {}
 
   const IcpConfig& config() const { return config_; }
+  /// Iterations of a registration at most, from now on.
+  void set_max_iterations(int n) { config_.max_iterations = n; }
 
   /// @param map    its planarity cache is brought up to date where it is needed
   /// @param source [m], sensor frame, deskewed

@@ -13,6 +13,8 @@ namespace {
 constexpr std::size_t kScans = 16;     // that decide
 constexpr std::size_t kScreening = 7;  // after so many the unlikely candidates are given up
 constexpr std::size_t kFinalists = 6;
+// Of a candidate's registration at most: from a wrong speed they would go on for long.
+constexpr int kIterations = 10;
 constexpr std::size_t kLeastRegistered = 8;
 constexpr double kDoubtful = 0.075;  // median smallest eigenvalue ratio below which the start is searched
 constexpr double kSpacing_m = 0.5;   // a scan interval, from candidate to candidate: ICP reaches farther
@@ -135,6 +137,7 @@ Vector6d StartSearch::better_velocity(const Way& way) const {
 void StartSearch::run(Candidate& candidate, std::size_t until, const Parallel& parallel) const {
   if (!candidate.track) {
     candidate.track = base_;
+    candidate.track->limit_iterations(kIterations);
     candidate.track->start_with(candidate.velocity, scans_[1].duration_us, parallel);
     candidate.way.add(*candidate.track, TrackingState::kTracking);
   }
@@ -216,6 +219,7 @@ std::optional<FoundStart> StartSearch::find(const Track& followed, const Paralle
   run_all(std::move(refined));
   if (!(score(*best) > score(followed_) + kClearly)) return std::nullopt;
   FoundStart found{std::move(*best->track), std::move(best->results), base_->begins_session()};
+  found.track.lift_limit();
   if (found.moved) {
     const Pose by = followed.last_pose() * found.track.last_pose().inverse();
     found.track.move(by);

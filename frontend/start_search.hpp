@@ -33,7 +33,7 @@ class StartSearch {
   /// The track that explains the scans clearly better than the one followed, if there is one: it has been
   /// given all of them. At the start of a session its odometry ends at `followed.last_pose()`: the past is
   /// corrected, not the present. (After a loss the first pose stays, which was a guess, and the present moves.)
-  /// Takes 0.3 to 4 s on two threads where the speed is doubtful, no time where it is not.
+  /// Takes 0.3 to 2.5 s on two threads where the speed is doubtful, no time where it is not.
   std::optional<FoundStart> find(const Track& followed, const Parallel& parallel) const;
 
  private:

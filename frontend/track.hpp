@@ -1,6 +1,7 @@
 // One estimate of the sensor's way: a local map, a motion model and the open submap. The front-end follows
 // one; at a doubtful start it tries others as well (start_search.hpp).
 #pragma once
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -65,6 +66,10 @@ class Track {
   bool at_start() const { return !first_cloud_.points.empty(); }
   /// At a start: the sensor moved at `velocity` [twist / us] in the first scan, in sweeps of `duration_us`.
   void start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel);
+  /// Iterations of a registration at most, from now on, if the configuration does not allow fewer.
+  void limit_iterations(int n) { icp_.set_max_iterations(std::min(n, config_.max_iterations)); }
+  /// As many as the configuration allows.
+  void lift_limit() { icp_.set_max_iterations(config_.max_iterations); }
   /// True while the first scan of the session is the only one.
   bool begins_session() const { return builder_.id() == 0 && builder_.open_scans().size() == 1; }
   /// Moves the whole way, the open submap and the map.

@@ -159,6 +159,27 @@ TEST(Track, GoesOnTheSameAfterItWasMoved) {
   }
 }
 
+TEST(Track, ALimitOfIterationsHoldsUntilItIsLifted) {
+  const Parallel parallel(1);
+  Remarks remarks;
+  Track free{FrontendConfig()};
+  for (int i = 0; i < 4; ++i) free.process(stamped(room_scan(i), parallel), parallel, remarks, false);
+  Track limited = free, lifted = free;
+  limited.limit_iterations(1);
+  lifted.limit_iterations(1);
+  lifted.lift_limit();
+  const StampedCloud next = stamped(room_scan(6), parallel);  // two scans are missing before it
+  const Pose pose = free.process(next, parallel, remarks, false).odometry.odom_from_sensor;
+  ASSERT_GT(free.last_registration().iterations, 1);
+  limited.process(next, parallel, remarks, false);
+  EXPECT_EQ(limited.last_registration().iterations, 1);
+  const Pose same = lifted.process(next, parallel, remarks, false).odometry.odom_from_sensor;
+  EXPECT_EQ(same.translation, pose.translation);
+  limited.limit_iterations(1000);  // more than the configuration allows: no more than that
+  limited.process(stamped(room_scan(0), parallel), parallel, remarks, false);
+  EXPECT_LE(limited.last_registration().iterations, FrontendConfig().max_iterations);
+}
+
 // Through the front-end: what it revises is what the submap holds, and the present does not jump.
 TEST(Frontend, RevisesAStartThatItMissed) {
   Frontend frontend{FrontendConfig()}, two_threads{FrontendConfig(), 2};
