@@ -96,6 +96,9 @@ class HybridIcp {
   /// the map has changed: what was found for them is kept where it still stands.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                         double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
+  /// kRobust: points of the last call's source that lie on surfaces which the map knows from the other side
+  /// (LocalMap::insert_other_side()), by index, with the surface's normal.
+  void turned_points(std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const;
   /// Soft share of the source points that lie within some 0.2 m of the map's surface, 0..1, of 1,500 of them
   /// or so; unlike IcpResult::fit whatever sigma is. To be asked before the map takes the points;
   /// align_again() cannot go on after it.
@@ -109,6 +112,9 @@ class HybridIcp {
     Eigen::Vector3f normal;        // of the target's neighbourhood; zero: not planar
     float other_distance = -1.0F;  // as NearestPoint; negative: never searched
     std::int32_t voxel = -1;
+    std::int16_t slot = 0;  // of the target in its voxel
+    // kRobust: the nearest point was seen from the surface's other side; and there is none on this side.
+    bool turned = false, hidden = false;
   };
   // What one iteration leaves of a block of source points.
   struct Part {
@@ -132,7 +138,8 @@ class HybridIcp {
                             IcpResult& result);
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
   static const Planarity& shape_of(const LocalMap& map, std::int32_t voxel, Part& part);
-  void classify(const LocalMap& map, Part& part);
+  void classify(const LocalMap& map, const Pose& local_from_source, Part& part);
+  void look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor, Correspondence& c) const;
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
   double support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
                                  Vector6d& gradient);

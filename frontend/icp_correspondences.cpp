@@ -58,6 +58,8 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
     const NearestPoint nearest = map.nearest(probe, margin_m_);
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
+    c.slot = static_cast<std::int16_t>(nearest.slot);
+    c.turned = c.hidden = false;
     if (nearest.voxel < 0) continue;
     c.target = c.searched_at - probe.at.offset + nearest.offset;
     part.fresh[found++] = part.fresh[k];
@@ -77,8 +79,36 @@ const Planarity& HybridIcp::shape_of(const LocalMap& map, std::int32_t voxel, Pa
   return part.planarities[recent].second;
 }
 
-void HybridIcp::classify(const LocalMap& map, Part& part) {
+// What is seen ahead is seen from behind once the sensor has passed it. Of a thin thing, a post, a sign, a
+// railing, that is another surface: measured nearer, and matched with the front it would hold the sensor back
+// by the thing's thickness every time.
+void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor,
+                                  Correspondence& c) const {
+  constexpr float kFarther = 0.3F;  // [m], than the nearest point
+  const Eigen::Vector3f view = (sensor - c.searched_at).normalized();
+  c.turned = LocalMap::other_side(c.normal, map.view(c.voxel, c.slot), view);
+  if (!c.turned) return;
+  const Eigen::Vector3f corner =
+      static_cast<float>(map.voxel_size_m()) * (map.voxel_coordinates(c.voxel) - origin_).cast<float>();
+  const NearestPoint other = map.nearest_on_side(c.searched_at - corner, c.voxel, c.normal, view,
+                                                 (c.searched_at - c.target).norm() + kFarther);
+  c.hidden = other.voxel < 0;
+  if (c.hidden) return;
+  c.target = corner + other.offset;
+  c.other_distance = 0.0F;  // does not stand when the point moves
+}
+
+void HybridIcp::turned_points(std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const {
+  out.clear();
+  for (std::size_t i = 0; i < correspondences_.size(); ++i) {
+    const Correspondence& c = correspondences_[i];
+    if (c.voxel >= 0 && c.turned) out.emplace_back(static_cast<std::uint32_t>(i), c.normal);
+  }
+}
+
+void HybridIcp::classify(const LocalMap& map, const Pose& local_from_source, Part& part) {
   part.planarities.clear();
+  const Eigen::Vector3f sensor = local_from_source.translation.cast<float>();
   const auto n_min = static_cast<float>(config_.n_min);
   for (const std::uint32_t i : part.fresh) {
     Correspondence& c = correspondences_[i];
@@ -93,7 +123,9 @@ void HybridIcp::classify(const LocalMap& map, Part& part) {
       tau = adaptive_threshold(static_cast<double>(shape.n), config_.tau_ref, config_.n_ref, config_.tau_min,
                                config_.tau_max);
     }
-    if (static_cast<double>(shape.score) < tau) c.normal = shape.normal;
+    if (!(static_cast<double>(shape.score) < tau)) continue;
+    c.normal = shape.normal;
+    if (config_.mode == IcpMode::kRobust) look_on_this_side(map, sensor, c);
   }
 }
 
@@ -111,7 +143,7 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
   float fit = 0.0F;
   for (std::size_t i = source.begin; i < source.end; i += source.stride) {
     const Correspondence& c = correspondences_[i];
-    if (c.voxel < 0) continue;
+    if (c.voxel < 0 || c.hidden) continue;
     const Eigen::Vector3f p = r * source.points[i] + t;
     const Eigen::Vector3f d = p - c.target;
     const float squared = d.squaredNorm();
@@ -148,7 +180,7 @@ NormalEquations HybridIcp::linearise(LocalMap& map, const std::vector<Eigen::Vec
     Stopwatch watch;
     search(map, selection, local_from_source, part);
     part.ms[0] = watch.lap_ms();
-    classify(map, part);
+    classify(map, local_from_source, part);
     part.ms[1] = watch.lap_ms();
     accumulate(selection, local_from_source, sigma_m, part);
     part.ms[2] = watch.lap_ms();

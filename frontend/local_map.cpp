@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "frontend/local_map_blocks.hpp"
 
@@ -106,6 +105,7 @@ std::int32_t LocalMap::find_or_add_voxel(const Voxel3i& coordinates, std::int32_
     moments_.emplace_back();
     planarities_.emplace_back();
     lines_.resize(lines_.size() + lines_per_voxel_);
+    views_.resize(views_.size() + capacity_);
   } else {
     cell = free_voxels_.back();
     free_voxels_.pop_back();
@@ -136,15 +136,37 @@ bool LocalMap::has_room(std::int32_t voxel, const Eigen::Vector3f& offset) const
   return true;
 }
 
-void LocalMap::add_point(std::int32_t index, const Eigen::Vector3f& offset) {
-  Line* lines = &lines_[static_cast<std::size_t>(index) * lines_per_voxel_];
-  const std::int32_t s = lines->count;
-  for (int a = 0; a < 3; ++a) lines[s / kPointsPerLine].xyz[a][s % kPointsPerLine] = offset[a];
-  ++lines->count;
+void LocalMap::set_point(std::int32_t index, std::int32_t s, const Eigen::Vector3f& offset,
+                         const View& view) {
+  Line& line = lines_[static_cast<std::size_t>(index) * lines_per_voxel_ +
+                      static_cast<std::size_t>(s / kPointsPerLine)];
+  for (int a = 0; a < 3; ++a) line.xyz[a][s % kPointsPerLine] = offset[a];
+  views_[static_cast<std::size_t>(index) * capacity_ + static_cast<std::size_t>(s)] = view;
+}
+
+void LocalMap::add_point(std::int32_t index, const Eigen::Vector3f& offset, const View& view) {
+  Line& first = lines_[static_cast<std::size_t>(index) * lines_per_voxel_];
+  set_point(index, first.count, offset, view);
+  ++first.count;
   ++point_count_;
   const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
-  Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
-  if (static_cast<std::size_t>(lines->count) == capacity_) block.full |= std::uint64_t{1} << voxel.cell;
+  if (static_cast<std::size_t>(first.count) == capacity_) {
+    blocks_[static_cast<std::size_t>(voxel.block)].full |= std::uint64_t{1} << voxel.cell;
+  }
+  add_moments(index, offset);
+}
+
+// The sums are made anew, in the points' order, as load() will make them.
+void LocalMap::replace_point(std::int32_t index, std::int32_t slot, const Eigen::Vector3f& offset,
+                             const View& view) {
+  set_point(index, slot, offset, view);
+  moments_[static_cast<std::size_t>(index)] = VoxelMoments();
+  for (std::int32_t s = 0; s < count(index); ++s) add_moments(index, point_offset(index, s));
+}
+
+void LocalMap::add_moments(std::int32_t index, const Eigen::Vector3f& offset) {
+  const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
+  const Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
   const Eigen::Vector3d p = voxel.coordinates.cast<double>() * voxel_size_ + offset.cast<double>() -
                             block_centre(block.coordinates);
   const double terms[10] = {1.0,           p.x(),         p.y(),         p.z(),         p.x() * p.x(),
@@ -167,8 +189,9 @@ void LocalMap::mark_neighbours_stale(std::int32_t index) {
 // Most points fall where the map is full already. They are found in parallel, by reading only: what has no
 // room now has none after others were added.
 void LocalMap::find_candidates(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
-                               const Parallel& parallel) {
+                               const Parallel& parallel, const std::optional<Eigen::Vector3d>& seen_from) {
   constexpr std::size_t kPart = 2048;
+  seen_from_ = seen_from;
   const Eigen::Matrix3d r = map_from_points.rotation.toRotationMatrix();
   const Eigen::Vector3d t = map_from_points.translation;
   candidate_parts_ = Parallel::block_count(points.size(), kPart);
@@ -223,7 +246,11 @@ void LocalMap::insert_candidates() {
       }
       const std::int32_t v = find_or_add_voxel(at.voxel, b);
       if (!has_room(v, at.offset)) continue;
-      add_point(v, at.offset);
+      View view = View::Zero();
+      if (seen_from_) {
+        view = quantised(*seen_from_ - at.voxel.cast<double>() * voxel_size_ - at.offset.cast<double>());
+      }
+      add_point(v, at.offset, view);
       touched_.push_back(v);
     }
   }
@@ -233,6 +260,12 @@ void LocalMap::insert_candidates() {
   candidate_parts_ = 0;
 }
 
+std::int32_t LocalMap::voxel_at(const Voxel3i& coordinates) {
+  const Voxel3i block = block_of(coordinates);
+  const std::int32_t b = find_block(block);
+  return find_or_add_voxel(coordinates, b >= 0 ? b : add_block(block));
+}
+
 void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {
   const double radius2 = radius_m * radius_m;
   for (std::size_t b = 0; b < blocks_.size(); ++b) {
@@ -240,48 +273,6 @@ void LocalMap::remove_far(const Eigen::Vector3d& centre, double radius_m) {
     if (!block.used) continue;
     if ((block_centre(block.coordinates) - centre).squaredNorm() > radius2)
       remove_block(static_cast<std::int32_t>(b));
-  }
-}
-
-void LocalMap::save(ByteWriter& out) const {
-  constexpr std::size_t kHead = sizeof(Voxel3i) + sizeof(std::int32_t), kPoint = sizeof(Eigen::Vector3f);
-  out.reserve(sizeof(std::uint64_t) + voxel_count() * kHead + point_count_ * kPoint);
-  out.put(static_cast<std::uint64_t>(voxel_count()));
-  std::vector<std::uint8_t> bytes(kHead + capacity_ * kPoint);  // of a voxel
-  for_each_voxel([&](std::int32_t i) {
-    const std::int32_t n = count(i);
-    std::memcpy(bytes.data(), voxels_[static_cast<std::size_t>(i)].coordinates.data(), sizeof(Voxel3i));
-    std::memcpy(bytes.data() + sizeof(Voxel3i), &n, sizeof n);
-    std::uint8_t* to = bytes.data() + kHead;
-    for (std::int32_t s = 0; s < n; ++s, to += kPoint) {
-      const Eigen::Vector3f offset = point_offset(i, s);
-      std::memcpy(to, offset.data(), kPoint);
-    }
-    out.put(bytes.data(), static_cast<std::size_t>(to - bytes.data()));
-  });
-}
-
-void LocalMap::load(ByteReader& in) {
-  *this = LocalMap(voxel_size_, static_cast<int>(capacity_), min_spacing_);
-  const auto n_voxels = in.take<std::uint64_t>();
-  for (std::uint64_t i = 0; i < n_voxels; ++i) {
-    const auto coordinates = in.take<Voxel3i>();
-    const auto n_points = in.take<std::int32_t>();
-    if (n_points < 1 || static_cast<std::size_t>(n_points) > capacity_)
-      in.fail("local map, voxel " + std::to_string(i));
-    const Voxel3i block = block_of(coordinates);
-    const std::int32_t b = find_block(block);
-    const std::int32_t v = find_or_add_voxel(coordinates, b >= 0 ? b : add_block(block));
-    if (count(v) > 0) in.fail("local map, voxel " + std::to_string(i));
-    for (std::int32_t s = 0; s < n_points; ++s) {
-      const auto offset = in.take<Eigen::Vector3f>();
-      // Offsets lie in the voxel, up to the rounding of far coordinates.
-      const auto margin = static_cast<float>(1e-3 * voxel_size_);
-      if (!(offset.allFinite() && offset.minCoeff() >= -margin &&
-            offset.maxCoeff() <= static_cast<float>(voxel_size_) + margin))
-        in.fail("local map, voxel " + std::to_string(i));
-      add_point(v, offset);
-    }
   }
 }
 

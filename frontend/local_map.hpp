@@ -1,13 +1,15 @@
 // The local map: a hash of blocks of 4x4x4 voxels. A voxel holds a few spread-out points, five of them to a
 // cache line together with their number, and their moment sums; a neighbourhood of 27 voxels is reached
 // through links between blocks, with at most one hash look-up for all of it. Whoever asks for many voxels
-// asks the memory for them a few queries ahead.
+// asks the memory for them a few queries ahead. Every point remembers from where it was seen: the front and
+// the back of a thin thing are two surfaces.
 #pragma once
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -73,14 +75,25 @@ class LocalMap {
   /// Adds the points that their voxels still have room for, in their order.
   /// @param points         [m], in a sensor frame
   /// @param map_from_points their pose
-  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points) {
-    find_candidates(points, map_from_points, Parallel(1));
+  /// @param seen_from       where the sensor was [m, map frame]; nullopt: not known
+  void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
+              const std::optional<Eigen::Vector3d>& seen_from = std::nullopt) {
+    find_candidates(points, map_from_points, Parallel(1), seen_from);
     insert_candidates();
   }
   /// The same in two steps: the first one reads the map only and runs in parallel, the second one does not.
   void find_candidates(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
-                       const Parallel& parallel);
+                       const Parallel& parallel,
+                       const std::optional<Eigen::Vector3d>& seen_from = std::nullopt);
   void insert_candidates();
+  /// Adds a point of a surface that the map knows from its other side only: that side's points are no reason
+  /// to leave it out, and where they fill most of a voxel it takes the place of one.
+  /// @param p         [m]
+  /// @param normal    of the surface, unit, either way
+  /// @param seen_from where the sensor is [m]
+  void insert_other_side(const Eigen::Vector3d& p, const Eigen::Vector3f& normal,
+                         const Eigen::Vector3d& seen_from);
+  void move(const Pose& by);  ///< Points that then find their voxel full are left out.
 
   /// Drops all blocks whose centre is further than `radius_m` from `centre`.
   void remove_far(const Eigen::Vector3d& centre, double radius_m);
@@ -132,6 +145,27 @@ class LocalMap {
     return line.point(slot % kPointsPerLine);
   }
 
+  /// Unit vector from the point to the sensor that saw it, to half a degree; zero: not known.
+  Eigen::Vector3f view(std::int32_t i, std::int32_t slot) const {
+    return views_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(slot)].cast<float>() /
+           kViewUnit;
+  }
+  /// True if a surface was seen from one side and then from the other; not where a view is along it, nor if
+  /// one is not known.
+  static bool other_side(const Eigen::Vector3f& normal, const Eigen::Vector3f& view,
+                         const Eigen::Vector3f& other_view) {
+    constexpr float kGrazing = 0.1F;
+    const float a = normal.dot(view), b = normal.dot(other_view);
+    return a * b < 0.0F && std::min(std::abs(a), std::abs(b)) > kGrazing;
+  }
+  /// Nearest to a query of the points in the 27 voxels around voxel i that are not on the other side of a
+  /// surface with this normal.
+  /// @param query   from the voxel's corner [m]
+  /// @param view    of the query
+  /// @param reach_m no farther than this
+  NearestPoint nearest_on_side(const Eigen::Vector3f& query, std::int32_t i, const Eigen::Vector3f& normal,
+                               const Eigen::Vector3f& view, float reach_m) const;
+
   /// Planarity of the 27 voxels around voxel i as last computed by update_planarity().
   const Planarity& planarity(std::int32_t i) const { return planarities_[static_cast<std::size_t>(i)]; }
   /// True if voxel i's neighbourhood has changed since update_planarity(i).
@@ -170,6 +204,8 @@ class LocalMap {
  private:
   static constexpr std::int32_t kPointsPerLine = 5;
   static constexpr float kNowhere = 1e15F;  // coordinate of a slot without a point: far from every query
+  static constexpr float kViewUnit = 127.0F;
+  using View = Eigen::Matrix<std::int8_t, 3, 1>;
   // A cache line of a voxel: its first one says how many points the voxel has in all.
   struct alignas(64) Line {
     std::int32_t count = 0;
@@ -218,7 +254,13 @@ class LocalMap {
   void remove_block(std::int32_t b);
   // The voxel at these coordinates, in block b; made if there is none.
   std::int32_t find_or_add_voxel(const Voxel3i& coordinates, std::int32_t b);
-  void add_point(std::int32_t voxel, const Eigen::Vector3f& offset);
+  void add_point(std::int32_t voxel, const Eigen::Vector3f& offset, const View& view);
+  void replace_point(std::int32_t voxel, std::int32_t slot, const Eigen::Vector3f& offset, const View& view);
+  void set_point(std::int32_t voxel, std::int32_t slot, const Eigen::Vector3f& offset, const View& view);
+  void add_moments(std::int32_t voxel, const Eigen::Vector3f& offset);
+  // The voxel of a place anywhere; made if there is none.
+  std::int32_t voxel_at(const Voxel3i& coordinates);
+  static View quantised(const Eigen::Vector3d& view);
   void mark_neighbours_stale(std::int32_t voxel);
   template <class Visit>
   void for_each_voxel(const Visit& visit) const {
@@ -246,11 +288,13 @@ class LocalMap {
   std::vector<Voxel> voxels_;
   std::vector<std::int32_t> free_voxels_;
   std::vector<Line> lines_;  // lines_per_voxel_ a voxel
+  std::vector<View> views_;  // capacity_ a voxel
   std::vector<VoxelMoments> moments_;
   std::vector<Planarity> planarities_;
-  std::vector<std::int32_t> touched_;   // voxels that took a point in this insert()
-  std::vector<Candidates> candidates_;  // of find_candidates()
-  std::size_t candidate_parts_ = 0;     // that are filled
+  std::vector<std::int32_t> touched_;         // voxels that took a point in this insert()
+  std::vector<Candidates> candidates_;        // of find_candidates()
+  std::size_t candidate_parts_ = 0;           // that are filled
+  std::optional<Eigen::Vector3d> seen_from_;  // by find_candidates()
 };
 
 }  // namespace hp2

@@ -57,6 +57,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   remarks_ = &remarks;
   last_registration_ = IcpResult();
   agreement_ = 0.0;
+  turned_.clear();
   FrontendOutput out;
   OdometryResult& o = out.odometry;
   o.sequence = scan.sequence;
@@ -109,6 +110,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
       icp = again;
       icp.iterations += before;
     }
+    icp_.turned_points(turned_);
     const bool lost = !second && astray(sigma, icp);
     last_registration_ = icp;
     agreement_ = keep_open ? icp_.agreement(map_, source_, icp.map_from_source, parallel) : 0.0;
@@ -116,6 +118,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
     // At the start a weak direction may have settled on a wrong speed, which the map made with it confirms.
     if (motion_.is_new() && icp.min_eigenvalue_ratio < kDegenerate) o.covariance *= kDoubtfulSpeed;
     if (lost) {
+      turned_.clear();
       begin_anew();
     } else {
       pose = icp.map_from_source;
@@ -164,11 +167,14 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   entry.state = o.state;
   entry.diagnostics = o.diagnostics;
   const double submap_length = keep_open ? std::numeric_limits<double>::infinity() : submap_length_m();
-  map_.find_candidates(points_, pose, parallel);
+  map_.find_candidates(points_, pose, parallel, pose.translation);
   builder_.find_new(source_, pose, parallel);
   parallel.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
     if (block == 0) {
       map_.insert_candidates();
+      for (const auto& [i, normal] : turned_) {
+        map_.insert_other_side(pose * source_[i].cast<double>(), normal, pose.translation);
+      }
     } else {
       // A scan without points is no reason to settle the start that is being searched.
       out.finished_submap =

@@ -121,6 +121,7 @@ class Track {
   const Parallel* parallel_ = nullptr;
   Remarks* remarks_ = nullptr;
   std::vector<Eigen::Vector3f> points_, source_;
+  std::vector<std::pair<std::uint32_t, Eigen::Vector3f>> turned_;  // HybridIcp::turned_points()
 };
 
 }  // namespace hp2

@@ -99,7 +99,7 @@ void Track::start_with(const Vector6d& velocity, std::int64_t duration_us, const
                          config_.sigma_window);
   deskewed(first_cloud_, motion_.sweep_twist(duration_us), points_);
   map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-  map_.insert(points_, pose);
+  map_.insert(points_, pose, pose.translation);
   if (begins_session()) {
     source_.clear();
     for (const std::uint32_t i : first_cloud_.source) source_.push_back(points_[i]);
@@ -111,11 +111,7 @@ void Track::start_with(const Vector6d& velocity, std::int64_t duration_us, const
 }
 
 void Track::move(const Pose& by) {
-  std::vector<Eigen::Vector3f> points;
-  points.reserve(map_.point_count());
-  map_.for_each_point([&](const Eigen::Vector3d& p) { points.push_back(p.cast<float>()); });
-  map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-  map_.insert(points, by);
+  map_.move(by);
   motion_.move(by);
   builder_.move(by);
   evicted_at_ = by * evicted_at_;
@@ -154,7 +150,7 @@ IcpResult Track::settle_start(IcpResult icp, double sigma, HybridIcp& aligner) {
       const Vector6d twist = per_sweep * se3_log(first.inverse() * icp.map_from_source);
       deskewed(first_cloud_, twist, first_points);
       map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
-      map_.insert(first_points, first);
+      map_.insert(first_points, first, first.translation);
       deskew(twist);
     }
     icp = aligner.align(map_, source_, icp.map_from_source, sigma, *parallel_);
