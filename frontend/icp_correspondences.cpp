@@ -59,6 +59,7 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
     c.slot = static_cast<std::int16_t>(nearest.slot);
+    map.prefetch_views(nearest.voxel);
     c.turned = c.hidden = false;
     if (nearest.voxel < 0) continue;
     c.target = c.searched_at - probe.at.offset + nearest.offset;

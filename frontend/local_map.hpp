@@ -87,9 +87,8 @@ class LocalMap {
                        const std::optional<Eigen::Vector3d>& seen_from = std::nullopt);
   void insert_candidates();
   /// Adds a point of a surface that the map knows from its other side only: that side's points are no reason
-  /// to leave it out, and where they fill most of a voxel it takes the place of one.
-  /// @param p         [m]
-  /// @param normal    of the surface, unit, either way
+  /// to leave it out, and where the voxel is full it takes the place of one of them.
+  /// @param normal    of the surface at `p` [m], unit, either way
   /// @param seen_from where the sensor is [m]
   void insert_other_side(const Eigen::Vector3d& p, const Eigen::Vector3f& normal,
                          const Eigen::Vector3d& seen_from);
@@ -145,13 +144,16 @@ class LocalMap {
     return line.point(slot % kPointsPerLine);
   }
 
-  /// Unit vector from the point to the sensor that saw it, to half a degree; zero: not known.
+  /// Unit vector from the point to the sensor that saw it, to half a degree; zero: not known. Worth asking
+  /// the memory for ahead.
   Eigen::Vector3f view(std::int32_t i, std::int32_t slot) const {
     return views_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(slot)].cast<float>() /
            kViewUnit;
   }
-  /// True if a surface was seen from one side and then from the other; not where a view is along it, nor if
-  /// one is not known.
+  void prefetch_views(std::int32_t i) const {
+    __builtin_prefetch(&views_[static_cast<std::size_t>(i) * capacity_]);
+  }
+  /// True if a surface was seen from one side and from the other; not if along it, or if one is not known.
   static bool other_side(const Eigen::Vector3f& normal, const Eigen::Vector3f& view,
                          const Eigen::Vector3f& other_view) {
     constexpr float kGrazing = 0.1F;
@@ -160,9 +162,7 @@ class LocalMap {
   }
   /// Nearest to a query of the points in the 27 voxels around voxel i that are not on the other side of a
   /// surface with this normal.
-  /// @param query   from the voxel's corner [m]
-  /// @param view    of the query
-  /// @param reach_m no farther than this
+  /// @param query from the voxel's corner [m]; `view`: of it; no farther than `reach_m`
   NearestPoint nearest_on_side(const Eigen::Vector3f& query, std::int32_t i, const Eigen::Vector3f& normal,
                                const Eigen::Vector3f& view, float reach_m) const;
 

@@ -49,18 +49,17 @@ void LocalMap::insert_other_side(const Eigen::Vector3d& p, const Eigen::Vector3f
   const std::int32_t v = voxel_at(at.voxel);
   const Eigen::Vector3d to_sensor = seen_from - p;
   const Eigen::Vector3f now = to_sensor.normalized().cast<float>();
-  std::size_t others = 0;
   std::int32_t first_other = -1;
   for (std::int32_t s = 0; s < count(v); ++s) {
     if (other_side(normal, view(v, s), now)) {
-      if (others++ == 0) first_other = s;
+      if (first_other < 0) first_other = s;
     } else if ((point_offset(v, s) - at.offset).squaredNorm() < min_spacing2_) {
       return;
     }
   }
   if (static_cast<std::size_t>(count(v)) < capacity_) {
     add_point(v, at.offset, quantised(to_sensor));
-  } else if (2 * others > capacity_) {
+  } else if (first_other >= 0) {
     replace_point(v, first_other, at.offset, quantised(to_sensor));
   } else {
     return;
