@@ -177,7 +177,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   Matrix6d shift = Matrix6d::Identity();
   shift.topRightCorner<3, 3>() = -skew(local.translation);
   result.information = shift.inverse().transpose() * information * shift.inverse();
-  result.map_from_source = Pose(local.rotation, local.translation + origin);
+  result.map_from_source = outcome_ = Pose(local.rotation, local.translation + origin);
   return result;
 }
 

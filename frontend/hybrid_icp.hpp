@@ -24,7 +24,8 @@ enum class IcpMode {
   kPointToPlane,    ///< All correspondences with a normal point-to-plane.
   kFixedAlpha,      ///< As hybrid with alpha = 0.5.
   kFixedThreshold,  ///< As hybrid with tau = tau_ref whatever n.
-  kRobust,          ///< Ours: the hybrid, supported in weak directions (support_weak_directions()).
+  kRobust,          ///< Ours: the hybrid, supported in weak directions (support_weak_directions()), each
+                    ///< planar point kept to the side of the surface that it is seen from.
 };
 
 /// Settings of the registration.
@@ -96,9 +97,11 @@ class HybridIcp {
   /// the map has changed: what was found for them is kept where it still stands.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                         double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
-  /// kRobust: points of the last call's source that lie on surfaces which the map knows from the other side
-  /// (LocalMap::insert_other_side()), by index, with the surface's normal.
-  void turned_points(std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const;
+  /// kRobust: source points on surfaces which the map knows from the other side
+  /// (LocalMap::insert_other_side()), by index, with the surface's unit normal, axes of the map.
+  /// @param result of the last align() or align_again(); none for another one, whose points lay elsewhere
+  void turned_points(const IcpResult& result,
+                     std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const;
   /// Soft share of the source points that lie within some 0.2 m of the map's surface, 0..1, of 1,500 of them
   /// or so; unlike IcpResult::fit whatever sigma is. To be asked before the map takes the points;
   /// align_again() cannot go on after it.
@@ -148,6 +151,7 @@ class HybridIcp {
   IcpConfig config_;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
+  Pose outcome_;  // that they are of
   std::vector<Part> parts_;
   float margin_m_ = 0.0F;         // of the present searches (LocalMap::nearest)
   bool in_plane_needed_ = false;  // by a weak direction of the present registration

@@ -58,10 +58,10 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
     const NearestPoint nearest = map.nearest(probe, margin_m_);
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
-    c.slot = static_cast<std::int16_t>(nearest.slot);
-    map.prefetch_views(nearest.voxel);
     c.turned = c.hidden = false;
     if (nearest.voxel < 0) continue;
+    c.slot = static_cast<std::int16_t>(nearest.slot);
+    map.prefetch_views(nearest.voxel);
     c.target = c.searched_at - probe.at.offset + nearest.offset;
     part.fresh[found++] = part.fresh[k];
   }
@@ -99,8 +99,12 @@ void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& se
   c.other_distance = 0.0F;  // does not stand when the point moves
 }
 
-void HybridIcp::turned_points(std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const {
+void HybridIcp::turned_points(const IcpResult& result,
+                              std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const {
   out.clear();
+  const Pose& pose = result.map_from_source;
+  if (pose.translation != outcome_.translation || pose.rotation.coeffs() != outcome_.rotation.coeffs())
+    return;
   for (std::size_t i = 0; i < correspondences_.size(); ++i) {
     const Correspondence& c = correspondences_[i];
     if (c.voxel >= 0 && c.turned) out.emplace_back(static_cast<std::uint32_t>(i), c.normal);

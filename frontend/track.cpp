@@ -110,8 +110,8 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
       icp = again;
       icp.iterations += before;
     }
-    icp_.turned_points(turned_);
     const bool lost = !second && astray(sigma, icp);
+    icp_.turned_points(icp, turned_);
     last_registration_ = icp;
     agreement_ = keep_open ? icp_.agreement(map_, source_, icp.map_from_source, parallel) : 0.0;
     o.covariance = registration_covariance(icp, sigma);
