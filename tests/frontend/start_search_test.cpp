@@ -148,14 +148,14 @@ TEST(Track, GoesOnTheSameAfterItWasMoved) {
   const Parallel parallel(1);
   Remarks remarks;
   Track track{FrontendConfig()};
-  for (int i = 0; i < 8; ++i) track.process(stamped(room_scan(i), parallel), parallel, remarks, false);
+  for (int i = 0; i < 8; ++i) track.process(stamped(room_scan(i), parallel), parallel, remarks, true);
   Track moved = track;
   const Pose by(so3_exp({0.02, -0.01, 0.4}), {7.0, -3.0, 0.5});
   moved.move(by);
   for (int i = 8; i < 14; ++i) {
     const StampedCloud scan = stamped(room_scan(i), parallel);
-    const Pose expected = by * track.process(scan, parallel, remarks, false).odometry.odom_from_sensor;
-    const Pose pose = moved.process(scan, parallel, remarks, false).odometry.odom_from_sensor;
+    const Pose expected = by * track.process(scan, parallel, remarks, true).odometry.odom_from_sensor;
+    const Pose pose = moved.process(scan, parallel, remarks, true).odometry.odom_from_sensor;
     EXPECT_LT((pose.translation - expected.translation).norm(), 0.02) << "scan " << i;
     EXPECT_LT(rotation_angle(pose.rotation.conjugate() * expected.rotation), 0.002) << "scan " << i;
   }
