@@ -34,6 +34,11 @@ constexpr double kMinTranslation = 0.1, kMinRotation = 0.01;  // [m], [rad]
 // Share of the last change of velocity that is expected to go on.
 constexpr double kMostAcceleration = 0.5;
 
+// Of two intervals one that is less than this share of the other is no measure of a velocity.
+constexpr double kLeastShare = 0.25;
+
+constexpr double kMicro = 1e-6;
+
 }  // namespace
 
 std::int64_t MotionModel::interval_us(std::int64_t utime) const {
@@ -43,8 +48,16 @@ std::int64_t MotionModel::interval_us(std::int64_t utime) const {
 
 Pose MotionModel::predict(std::int64_t utime) const {
   if (!has_motion_) return last_;
-  const double ratio = static_cast<double>(interval_us(utime)) / static_cast<double>(interval_);
-  return last_ * se3_exp(ratio * motion_);
+  // The mean velocity on the way there is about that in its middle.
+  const auto dt = static_cast<double>(interval_us(utime));
+  const double to_its_middle = 0.5 * kMicro * (dt + static_cast<double>(last_duration_));
+  return last_ * se3_exp(kMicro * dt * filter_.velocity_after(to_its_middle));
+}
+
+double MotionModel::to_middle_s(std::int64_t utime, std::int64_t duration_us) const {
+  const auto dt = static_cast<double>(interval_us(utime));
+  const double between = dt + 0.5 * static_cast<double>(last_duration_ - duration_us);
+  return kMicro * std::max({between, kLeastShare * dt, kLeastShare * static_cast<double>(interval_)});
 }
 
 Pose MotionModel::usual_step() const {
@@ -52,9 +65,9 @@ Pose MotionModel::usual_step() const {
   return last_ * Pose(Eigen::Quaterniond::FromTwoVectors(usual_up_, up), usual_translation_);
 }
 
-Vector6d MotionModel::sweep_twist(std::int64_t duration_us) const {
+Vector6d MotionModel::sweep_twist(std::int64_t duration_us, std::int64_t utime) const {
   if (!has_motion_) return Vector6d::Zero();
-  return (static_cast<double>(duration_us) / static_cast<double>(interval_)) * motion_;
+  return kMicro * static_cast<double>(duration_us) * filter_.velocity_after(to_middle_s(utime, duration_us));
 }
 
 Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, std::int64_t utime) const {
@@ -69,17 +82,47 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, st
   return duration * (velocity + share * (velocity - motion_ / before));
 }
 
-void MotionModel::add(const Pose& pose, std::int64_t utime) {
+Vector6d MotionModel::sweep_twist(const SweepMotion& sweep, const Pose& pose, const Matrix6d& covariance,
+                                  std::int64_t utime) const {
+  if (!has_pose_) return Vector6d::Zero();
+  const auto duration = static_cast<double>(sweep.duration_us);
+  if (!has_motion_)
+    return duration / static_cast<double>(interval_us(utime)) * se3_log(last_.inverse() * pose);
+  const MotionFilter now =
+      filter_.measured(pose * se3_exp(-0.5 * sweep.twist), covariance, to_middle_s(utime, sweep.duration_us));
+  return kMicro * duration * now.velocity();
+}
+
+void MotionModel::start(const Vector6d& velocity) {
+  motion_ = static_cast<double>(interval_) * velocity;
+  has_motion_ = true;
+  start_filter(static_cast<double>(last_duration_) * velocity);
+}
+
+void MotionModel::start_filter(const Vector6d& sweep_twist) {
+  filter_.start(last_ * se3_exp(-0.5 * sweep_twist), motion_ / (kMicro * static_cast<double>(interval_)));
+}
+
+void MotionModel::add_filtered(const Pose& pose, std::int64_t utime, const SweepMotion& sweep,
+                               const Matrix6d* covariance) {
+  if (!has_motion_) return add(pose, utime, sweep);
+  const Pose middle = pose * se3_exp(-0.5 * sweep.twist);
+  const double dt = to_middle_s(utime, sweep.duration_us);
+  const MotionFilter filter =
+      covariance != nullptr ? filter_.measured(middle, *covariance, dt) : filter_.guessed(middle, dt);
+  add(pose, utime, sweep);
+  filter_ = filter;
+}
+
+void MotionModel::add(const Pose& pose, std::int64_t utime, const SweepMotion& sweep) {
   constexpr double kMemory = 0.9;
   if (has_pose_) {
-    // Of two intervals the one that is hardly any is no measure of a velocity.
-    constexpr double kLeast = 0.25;
     const auto old_interval = static_cast<double>(interval_),
                new_interval = static_cast<double>(interval_us(utime));
-    const Vector6d before = motion_ / std::max(old_interval, kLeast * new_interval);
+    const Vector6d before = motion_ / std::max(old_interval, kLeastShare * new_interval);
     interval_ = interval_us(utime);
     motion_ = se3_log(last_.inverse() * pose);
-    const Vector6d velocity = motion_ / std::max(new_interval, kLeast * old_interval);
+    const Vector6d velocity = motion_ / std::max(new_interval, kLeastShare * old_interval);
     const Vector6d change = has_motion_ ? Vector6d(velocity - before) : velocity;
     jerk_ = has_change_ ? Vector6d(change - change_) : Vector6d::Zero();
     change_ = change;
@@ -95,7 +138,9 @@ void MotionModel::add(const Pose& pose, std::int64_t utime) {
   usual_up_ = (keep * usual_up_ + (1.0 - keep) * up).normalized();
   last_ = pose;
   last_utime_ = utime;
+  last_duration_ = sweep.duration_us;
   has_pose_ = true;
+  if (has_motion_) start_filter(sweep.twist);
 }
 
 Unevenness MotionModel::unevenness(std::int64_t duration_us) const {
@@ -155,6 +200,8 @@ void MotionModel::save(ByteWriter& out) const {
   out.put(change_);
   out.put(jerk_);
   out.put(static_cast<std::uint8_t>(has_change_));
+  filter_.save(out);
+  out.put(last_duration_);
 }
 
 void MotionModel::load(ByteReader& in) {
@@ -172,9 +219,12 @@ void MotionModel::load(ByteReader& in) {
   change_ = in.take<Vector6d>();
   jerk_ = in.take<Vector6d>();
   has_change_ = in.take<std::uint8_t>() != 0;
+  filter_.load(in);
+  last_duration_ = in.take<std::int64_t>();
   const bool variances = translation_variance_ >= 0.0 && rotation_variance_ >= 0.0 && learned_ >= 0;
   const bool changes = change_.allFinite() && jerk_.allFinite() && change_.norm() + jerk_.norm() < 1e6;
-  if (interval_ <= 0 || !changes || !motion_.allFinite() || motion_.norm() > 1e6 || !variances)
+  if (interval_ <= 0 || last_duration_ < 0 || last_duration_ > kOtherClockUs || !changes ||
+      !motion_.allFinite() || motion_.norm() > 1e6 || !variances)
     in.fail("motion");
   const bool up = std::abs(usual_up_.norm() - 1.0) < 1e-6;
   if (!usual_translation_.allFinite() || usual_translation_.norm() > 1e6 || !up) in.fail("usual step");

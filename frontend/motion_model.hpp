@@ -7,6 +7,7 @@
 #include "common/byte_io.hpp"
 #include "common/geometry/pose.hpp"
 #include "frontend/hybrid_icp.hpp"
+#include "frontend/motion_filter.hpp"
 
 namespace hp2 {
 
@@ -14,6 +15,12 @@ namespace hp2 {
 struct Unevenness {
   Vector6d change = Vector6d::Zero();  ///< Of the motion; all of it where none was known before.
   Vector6d jerk = Vector6d::Zero();    ///< Of that change.
+};
+
+/// How the points of a scan were deskewed.
+struct SweepMotion {
+  Vector6d twist = Vector6d::Zero();  ///< Motion of the sensor during the sweep.
+  std::int64_t duration_us = 0;       ///< Of the sweep; 0: the points have no times.
 };
 
 /// Last pose and velocity of the sensor.
@@ -24,10 +31,15 @@ class MotionModel {
   /// Where the sensor may be if not at predict(): one usual step farther whatever the time stamps say
   /// (keyframes come by distance), looking ahead as before, and tilted as it is on average.
   Pose usual_step() const;
-  /// Motion during a sweep of `duration_us`, as a twist; zero before there is a velocity.
-  Vector6d sweep_twist(std::int64_t duration_us) const;
+  /// Motion expected during the sweep of `duration_us` that ends at `utime`, as a twist; zero before there is
+  /// a velocity.
+  Vector6d sweep_twist(std::int64_t duration_us, std::int64_t utime) const;
   /// The same, were the sensor at `pose` at `utime`.
   Vector6d sweep_twist(std::int64_t duration_us, const Pose& pose, std::int64_t utime) const;
+  /// The same, with the velocity filtered, were the sensor at `pose` at `utime`, registered so with
+  /// `covariance` (sensor's axes) from points that were deskewed as `sweep` says.
+  Vector6d sweep_twist(const SweepMotion& sweep, const Pose& pose, const Matrix6d& covariance,
+                       std::int64_t utime) const;
   /// Length of a sweep over the time from the last pose to `utime`.
   double sweep_share(std::int64_t duration_us, std::int64_t utime) const {
     return static_cast<double>(duration_us) / static_cast<double>(interval_us(utime));
@@ -65,17 +77,23 @@ class MotionModel {
     learned_ = 0;
   }
   /// The sensor moves at `velocity` [twist / us].
-  void start(const Vector6d& velocity) {
-    motion_ = static_cast<double>(interval_) * velocity;
-    has_motion_ = true;
-  }
+  void start(const Vector6d& velocity);
   /// Moves the frame of the poses.
   void move(const Pose& by) {
     last_ = by * last_;
+    filter_.move(by);
     usual_up_ = last_.rotation.conjugate() * Eigen::Vector3d::UnitZ();
   }
-  /// The registered pose at `utime` [us].
-  void add(const Pose& pose, std::int64_t utime);
+  /// The pose at `utime` [us], whose points were deskewed as `sweep` says; the velocity is that from the pose
+  /// before.
+  void add(const Pose& pose, std::int64_t utime, const SweepMotion& sweep);
+  /// The same, with the velocity filtered.
+  /// @param covariance of the registration (sensor's axes); null: the pose is a guess
+  void add_filtered(const Pose& pose, std::int64_t utime, const SweepMotion& sweep,
+                    const Matrix6d* covariance);
+  /// How far the last pose was from the expected one: its squared error over what was expected of it, 1 in
+  /// the mean.
+  double surprise() const { return has_motion_ ? filter_.surprise() : 0.0; }
 
   /// How unevenly the sensor has come to the last pose; a sweep of unknown length (0) lasts as long as the
   /// interval.
@@ -96,7 +114,14 @@ class MotionModel {
   void load(ByteReader& in);
 
  private:
+  // From the last pose and the motion to it.
+  void start_filter(const Vector6d& sweep_twist);
+  // Time from the middle of the last sweep to that of one that ends at `utime` [s].
+  double to_middle_s(std::int64_t utime, std::int64_t duration_us) const;
+
   Pose last_;
+  MotionFilter filter_;
+  std::int64_t last_duration_ = 0;      // of the last sweep [us]
   Vector6d motion_ = Vector6d::Zero();  // twist over interval_ [us]
   // Running means: translation from pose to pose [m], and the map's z axis in the sensor's frame.
   Eigen::Vector3d usual_translation_ = Eigen::Vector3d::Zero(), usual_up_ = Eigen::Vector3d::UnitZ();

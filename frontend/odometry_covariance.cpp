@@ -9,13 +9,13 @@ namespace hp2 {
 namespace {
 
 // Found on simulated drives by maximum likelihood, one rule for all sensors and scenes.
-constexpr double kCorrelated = 2.2;      // neighbouring points err alike: as if residuals were larger by this
+constexpr double kCorrelated = 2.0;      // neighbouring points err alike: as if residuals were larger by this
 constexpr double kLeastResidual = 0.01;  // [m]: no sensor measures better
-constexpr double kFloor = 0.0015, kFloorRotation = 0.0002;  // [m], [rad]: of a map that is itself not exact
+constexpr double kFloor = 0.0013, kFloorRotation = 0.00018;  // [m], [rad]: of a map that is itself not exact
 // Shares of the change of motion, and of that change's own change, that deskewing at constant velocity leaves
 // in the pose: in the direction of the change, and in any other.
-constexpr double kChange = 0.4, kChangeAcross = 0.08;
-constexpr double kJerk = 0.35, kJerkAcross = 0.06;
+constexpr double kChange = 0.36, kChangeAcross = 0.07;
+constexpr double kJerk = 0.31, kJerkAcross = 0.055;
 
 Matrix6d share_of(const Vector6d& motion, double along, double across) {
   Matrix6d covariance = along * along * motion * motion.transpose();

@@ -27,6 +27,7 @@ constexpr double kDoubtfulSpeed = 9.0;
 }  // namespace
 
 void Track::deskew(const Vector6d& sweep_twist) {
+  if (!scan_->cloud.time.empty()) sweep_ = {sweep_twist, scan_->duration_us};
   deskewed(scan_->cloud, sweep_twist, points_);
   source_.clear();
   for (const std::uint32_t i : scan_->cloud.source) source_.push_back(points_[i]);
@@ -40,6 +41,17 @@ void Track::deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
   parallel_->for_blocks(out.size(), 1024, [&](std::size_t, std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) out[i] = move(cloud.points[i], cloud.time[i]);
   });
+}
+
+// Motion in the sweep, by what its registration has told. Not filtered while a start is doubtful: a speed
+// that is wrong is told by the jumps that it makes.
+Vector6d Track::better_sweep(const IcpResult& icp, double sigma, bool filtered) const {
+  const Pose& pose = icp.map_from_source;
+  if (filtered) return motion_.sweep_twist(sweep_, pose, registration_covariance(icp, sigma), scan_->utime);
+  const Vector6d found = motion_.sweep_twist(scan_->duration_us, pose, scan_->utime);
+  Vector6d out = predicted_sweep_ + config_.redeskew_gain * (found - predicted_sweep_);
+  if (icp.min_eigenvalue_ratio < kWellObserved) out.head<3>() = sweep_.twist.head<3>();
+  return out;
 }
 
 // beta. Where the sensor sees little, places differ sooner: indoors submaps are shorter.
@@ -72,9 +84,12 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
                  "time stamps stand still or go back: the motion is then predicted as if scans came evenly");
   }
   const Pose predicted = motion_.predict(o.utime);
-  const Vector6d predicted_twist = motion_.sweep_twist(scan.duration_us);
-  Vector6d sweep_twist = predicted_twist;
-  deskew(sweep_twist);
+  // Not while a start is doubtful: a speed that is wrong is told by the jumps that it makes. Nor after a gap,
+  // which the motion before says little of.
+  const bool filtered = !keep_open && !motion_.is_gap(o.utime);
+  sweep_ = SweepMotion();
+  predicted_sweep_ = motion_.sweep_twist(scan.duration_us, scan.utime);
+  deskew(predicted_sweep_);
   o.diagnostics.ms[0] = static_cast<float>(scan.preprocess_ms) + clock.lap_ms();
 
   Pose pose = predicted;
@@ -98,13 +113,11 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
     // The registration tells how the sensor really moved in the sweep: where that differs from the
     // prediction, the points are moved accordingly and registered once more.
     for (int pass = 0; !second && pass < config_.redeskew_passes && !scan_->cloud.time.empty(); ++pass) {
-      const Vector6d better = motion_.sweep_twist(scan.duration_us, icp.map_from_source, o.utime);
-      Vector6d change = config_.redeskew_gain * (better - predicted_twist) + predicted_twist - sweep_twist;
-      if (icp.min_eigenvalue_ratio < kWellObserved) change.head<3>().setZero();
+      const Vector6d better = better_sweep(icp, sigma, filtered);
+      const Vector6d change = better - sweep_.twist;
       if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m)
         break;
-      sweep_twist += change;
-      deskew(sweep_twist);
+      deskew(better);
       const IcpResult again = icp_.align_again(map_, source_, icp.map_from_source, sigma, parallel, &prior);
       const int before = icp.iterations;
       icp = again;
@@ -150,13 +163,20 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   }
   clock.lap_ms();
   const Pose before = motion_.last_pose();
-  motion_.add(pose, o.utime);
+  const bool registered =
+      o.state != TrackingState::kLost && last_registration_.n_planar + last_registration_.n_non_planar > 0;
+  if (filtered) {
+    motion_.add_filtered(pose, o.utime, sweep_, registered ? &o.covariance : nullptr);
+  } else {
+    motion_.add(pose, o.utime, sweep_);
+  }
   if (o.state == TrackingState::kLost) {
     o.covariance = guess_covariance(before.inverse() * predicted);
   } else {
     // Also where scans come without times: somebody has deskewed them with a motion of his own, or nobody
     // has.
     o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
+    o.covariance *= std::max(1.0, motion_.surprise());
   }
   o.odom_from_sensor = pose;
   o.submap_id = builder_.id();

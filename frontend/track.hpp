@@ -92,6 +92,7 @@ class Track {
   void deskew(const Vector6d& sweep_twist);
   void deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
                 std::vector<Eigen::Vector3f>& out) const;
+  Vector6d better_sweep(const IcpResult& icp, double sigma, bool filtered) const;
   double submap_length_m() const;
   // track_guesses.cpp
   bool astray(double sigma, IcpResult& icp);
@@ -121,6 +122,8 @@ class Track {
   const Parallel* parallel_ = nullptr;
   Remarks* remarks_ = nullptr;
   std::vector<Eigen::Vector3f> points_, source_;
+  SweepMotion sweep_;  // that they were deskewed with
+  Vector6d predicted_sweep_ = Vector6d::Zero();
   std::vector<std::pair<std::uint32_t, Eigen::Vector3f>> turned_;  // HybridIcp::turned_points()
 };
 

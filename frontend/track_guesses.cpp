@@ -97,7 +97,7 @@ void Track::start_with(const Vector6d& velocity, std::int64_t duration_us, const
   motion_.start(velocity);
   scale_ = AdaptiveScale(std::min(kKnownStart_m, config_.initial_sigma_m), config_.min_sigma_m,
                          config_.sigma_window);
-  deskewed(first_cloud_, motion_.sweep_twist(duration_us), points_);
+  deskewed(first_cloud_, static_cast<double>(duration_us) * velocity, points_);
   map_ = LocalMap(config_.voxel_size_m, config_.max_points_per_voxel, config_.min_spacing_m);
   map_.insert(points_, pose, pose.translation);
   if (begins_session()) {

@@ -8,24 +8,6 @@ namespace {
 
 using Points = std::vector<Eigen::Vector2d>;
 
-/// Points at most `step` apart along a polyline, evenly spread over its length.
-Points resample(const Points& line, double step, bool exact_step) {
-  std::vector<double> at = {0.0};
-  for (std::size_t i = 1; i < line.size(); ++i) at.push_back(at.back() + (line[i] - line[i - 1]).norm());
-  const auto n = static_cast<std::size_t>(
-      std::max(1.0, exact_step ? std::floor(at.back() / step) : std::ceil(at.back() / step)));
-  const double stride = exact_step ? step : at.back() / static_cast<double>(n);
-  Points result;
-  std::size_t k = 1;
-  for (std::size_t i = 0; i <= n; ++i) {
-    const double s = std::min(stride * static_cast<double>(i), at.back());
-    while (k + 1 < at.size() && at[k] < s) ++k;
-    const double span = at[k] - at[k - 1];
-    result.push_back(line[k - 1] + (line[k] - line[k - 1]) * (span > 0 ? (s - at[k - 1]) / span : 0.0));
-  }
-  return result;
-}
-
 /// A Gaussian over the points; a ring is taken as such, an open line is held at its ends.
 Points smooth(const Points& line, double sigma_points, bool ring) {
   const int reach = static_cast<int>(3.5 * sigma_points);
@@ -64,6 +46,28 @@ Curve catmull_rom(const Points& p, double u) {
   const Eigen::Vector2d b = 0.5 * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3);
   const Eigen::Vector2d c = 0.5 * (p2 - p0);
   return {((a * t + b) * t + c) * t + p1, (3.0 * a * t + 2.0 * b) * t + c};
+}
+
+/// Points along a polyline, evenly spread over its length: at most `step` apart on the line itself, or just
+/// `step` apart on the curve through its points. (On the chords of a bend they would lie now in, now beside
+/// it, and the heading would shake by a tenth of what it turns.)
+Points resample(const Points& line, double step, bool curved) {
+  std::vector<double> at = {0.0};
+  for (std::size_t i = 1; i < line.size(); ++i) at.push_back(at.back() + (line[i] - line[i - 1]).norm());
+  const auto n = static_cast<std::size_t>(
+      std::max(1.0, curved ? std::floor(at.back() / step) : std::ceil(at.back() / step)));
+  const double stride = curved ? step : at.back() / static_cast<double>(n);
+  Points result;
+  std::size_t k = 1;
+  for (std::size_t i = 0; i <= n; ++i) {
+    const double s = std::min(stride * static_cast<double>(i), at.back());
+    while (k + 1 < at.size() && at[k] < s) ++k;
+    const double span = at[k] - at[k - 1];
+    const double share = span > 0 ? (s - at[k - 1]) / span : 0.0;
+    result.push_back(curved ? catmull_rom(line, static_cast<double>(k - 1) + share).position
+                            : Eigen::Vector2d(line[k - 1] + (line[k] - line[k - 1]) * share));
+  }
+  return result;
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ double in_sweep(std::int64_t end) {
 
 TEST(MotionModel, PredictionsErrByTheStretchTimesWhatTheyDoFromScanToScan) {
   MotionModel model;
-  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep, {});
   const auto error = [&](std::int64_t t) {
     return (accelerating(t).translation - model.predict(t).translation).norm();
   };
@@ -37,7 +37,7 @@ TEST(MotionModel, PredictionsErrByTheStretchTimesWhatTheyDoFromScanToScan) {
 
 TEST(MotionModel, MotionInASweepIsThatFromPoseToPose) {
   MotionModel model;
-  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep, {});
   const std::int64_t now = 5 * kSweep;
   EXPECT_NEAR(model.sweep_twist(kSweep, accelerating(now), now)[0], in_sweep(now), 1e-9);
 }
@@ -45,7 +45,7 @@ TEST(MotionModel, MotionInASweepIsThatFromPoseToPose) {
 TEST(MotionModel, MotionInTheSweepAfterDroppedScansKnowsTheAcceleration) {
   for (const int dropped : {1, 2, 3}) {
     MotionModel model;
-    for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+    for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep, {});
     const std::int64_t now = (5 + dropped) * kSweep;
     const Pose pose = accelerating(now);
     const double mean = (pose.translation - model.last_pose().translation).x() / (1 + dropped);
@@ -63,18 +63,18 @@ TEST(MotionModel, AnIntervalOfHardlyAnythingIsNoMeasureOfUnevenness) {
     return pose;
   };
   std::int64_t utime = 0;
-  for (int i = 0; i < 5; ++i) model.add(at(i), utime += kSweep);
+  for (int i = 0; i < 5; ++i) model.add(at(i), utime += kSweep, {});
   EXPECT_NEAR(model.unevenness(kSweep).change.norm(), 0.0, 1e-9);
-  model.add(at(5), utime += kSweep / 100);
+  model.add(at(5), utime += kSweep / 100, {});
   EXPECT_LT(model.unevenness(kSweep).change.norm(), 3.5);
-  model.add(at(6), utime += 2 * kSweep - kSweep / 100);
+  model.add(at(6), utime += 2 * kSweep - kSweep / 100, {});
   EXPECT_LT(model.unevenness(kSweep).change.norm(), 3.5);
   EXPECT_LT(model.unevenness(kSweep).jerk.norm(), 7.0);
 }
 
 TEST(MotionModel, ASensorWithAStillClockIsPredictedAsIfScansCameEvenly) {
   MotionModel model;
-  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep);
+  for (int i = 0; i < 5; ++i) model.add(accelerating(i * kSweep), i * kSweep, {});
   const double step = model.predict(5 * kSweep).translation.x() - model.last_pose().translation.x();
   EXPECT_GT(step, 0.9);
   EXPECT_NEAR(model.predict(4 * kSweep).translation.x() - model.last_pose().translation.x(), step, 1e-9);

@@ -43,7 +43,7 @@ TEST(DeskewCovariance, OfAnEvenMotionIsNothing) {
   Pose pose;
   for (int i = 0; i < 6; ++i) {
     pose = pose * se3_exp((i == 3 ? 2.0 : 1.0) * twist(1.0, 0.0, 0.05));
-    motion.add(pose, 100000LL * (i < 3 ? i + 1 : i + 2));  // one scan was dropped
+    motion.add(pose, 100000LL * (i < 3 ? i + 1 : i + 2), {});  // one scan was dropped
   }
   EXPECT_LT(deskew_covariance(motion.unevenness(100000)).norm(), 1e-18);
 }
@@ -51,9 +51,9 @@ TEST(DeskewCovariance, OfAnEvenMotionIsNothing) {
 TEST(DeskewCovariance, CoversTheChangeOfMotionMostlyAlongIt) {
   MotionModel motion;
   Pose pose;
-  motion.add(pose, 100000);
-  for (int i = 0; i < 4; ++i) motion.add(pose = pose * se3_exp(twist(1.0, 0, 0)), 100000LL * (i + 2));
-  motion.add(pose = pose * se3_exp(twist(0.9, 0, 0)), 600000);
+  motion.add(pose, 100000, {});
+  for (int i = 0; i < 4; ++i) motion.add(pose = pose * se3_exp(twist(1.0, 0, 0)), 100000LL * (i + 2), {});
+  motion.add(pose = pose * se3_exp(twist(0.9, 0, 0)), 600000, {});
   const Unevenness uneven = motion.unevenness(50000);  // of a sweep that lasts half the interval
   EXPECT_NEAR(uneven.change[0], -0.05, 1e-9);
   EXPECT_NEAR(uneven.jerk[0], -0.05, 1e-9);
@@ -62,14 +62,14 @@ TEST(DeskewCovariance, CoversTheChangeOfMotionMostlyAlongIt) {
   EXPECT_GT(covariance(1, 1), 0.0);
   EXPECT_GE(Eigen::SelfAdjointEigenSolver<Matrix6d>(covariance).eigenvalues()[0], -1e-12);
   // Braking on evenly: the change stays, its own change is gone.
-  motion.add(pose * se3_exp(twist(0.8, 0, 0)), 700000);
+  motion.add(pose * se3_exp(twist(0.8, 0, 0)), 700000, {});
   EXPECT_LT(motion.unevenness(50000).jerk.norm(), 1e-9);
 }
 
 TEST(DeskewCovariance, OfAMotionThatNothingForetoldIsAsLargeAsTheMotion) {
   MotionModel motion;
-  motion.add(Pose(), 100000);
-  motion.add(se3_exp(twist(2.0, 0, 0)), 200000);
+  motion.add(Pose(), 100000, {});
+  motion.add(se3_exp(twist(2.0, 0, 0)), 200000, {});
   EXPECT_NEAR(motion.unevenness(100000).change[0], 2.0, 1e-9);
   EXPECT_EQ(motion.unevenness(100000).jerk.norm(), 0.0);
 }

@@ -140,6 +140,22 @@ TEST(Route, PoseAndSpeedAreContinuous) {
   }
 }
 
+TEST(Route, TurnsEvenlyInABend) {
+  Ground ground;
+  RouteOptions options;
+  options.closed = true;
+  const Route route({{20, 0}, {60, 0}, {60, 40}, {0, 40}, {0, 0}}, options, ground);
+  constexpr double kSweep = 0.1;
+  const auto heading = [&](double t) { return route.pose_at(t).rotation * Vector3d::UnitX(); };
+  const auto turn = [&](double t) { return heading(t).cross(heading(t + kSweep)).z(); };
+  double most = 0.0;
+  for (double t = 1.0; t + 2.0 * kSweep < route.duration(); t += 0.03) {
+    most = std::max(most, turn(t));
+    EXPECT_NEAR(turn(t + kSweep), turn(t), 0.008) << t;  // [rad] a sweep, of up to
+  }
+  EXPECT_GT(most, 0.05);
+}
+
 TEST(Synthetic, EveryCallGivesTheSameScanAndAnotherSeedAnother) {
   const auto a = open_source("synthetic:tiny:7");
   const auto b = open_source("synthetic:tiny:7");
