@@ -66,7 +66,8 @@ Scan room_scan(int i) {
   Scan scan;
   scan.sequence = i;
   scan.utime = 1'000'000 + 100'000 * i;
-  for (const auto& p : test::seen_from(test::room(9), Pose({}, {0.2 * i - 2.0, 0, 0}))) {
+  const Pose at(Eigen::Quaterniond::Identity(), {0.2 * i - 2.0, 0, 0});
+  for (const auto& p : test::seen_from(test::room(9), at)) {
     scan.x.push_back(p.x());
     scan.y.push_back(p.y());
     scan.z.push_back(p.z());
@@ -147,17 +148,22 @@ TEST(StartSearch, AClockThatStandsStillIsNoSpeed) {
 TEST(Track, GoesOnTheSameAfterItWasMoved) {
   const Parallel parallel(1);
   Remarks remarks;
-  Track track{FrontendConfig()};
-  for (int i = 0; i < 8; ++i) track.process(stamped(room_scan(i), parallel), parallel, remarks, true);
-  Track moved = track;
-  const Pose by(so3_exp({0.02, -0.01, 0.4}), {7.0, -3.0, 0.5});
-  moved.move(by);
-  for (int i = 8; i < 14; ++i) {
-    const StampedCloud scan = stamped(room_scan(i), parallel);
-    const Pose expected = by * track.process(scan, parallel, remarks, true).odometry.odom_from_sensor;
-    const Pose pose = moved.process(scan, parallel, remarks, true).odometry.odom_from_sensor;
-    EXPECT_LT((pose.translation - expected.translation).norm(), 0.02) << "scan " << i;
-    EXPECT_LT(rotation_angle(pose.rotation.conjugate() * expected.rotation), 0.002) << "scan " << i;
+  for (const bool as_start : {true, false}) {
+    Track track{FrontendConfig()};
+    const auto add = [&](Track& to, int i) {
+      return to.process(stamped(room_scan(i), parallel), parallel, remarks, as_start)
+          .odometry.odom_from_sensor;
+    };
+    for (int i = 0; i < 8; ++i) add(track, i);
+    Track moved = track;
+    const Pose by(so3_exp({0.02, -0.01, 0.4}), {7.0, -3.0, 0.5});
+    moved.move(by);
+    for (int i = 8; i < 14; ++i) {
+      const Pose expected = by * add(track, i);
+      const Pose pose = add(moved, i);
+      EXPECT_LT((pose.translation - expected.translation).norm(), 0.02) << "scan " << i;
+      EXPECT_LT(rotation_angle(pose.rotation.conjugate() * expected.rotation), 0.002) << "scan " << i;
+    }
   }
 }
 
