@@ -113,10 +113,12 @@ void MotionFilter::load(ByteReader& in) {
   acceleration_ = in.take<Vector6d>();
   covariance_ = in.take<Covariance>();
   surprise_ = in.take<double>();
-  constexpr double kMost = 1e9;  // of anything that moves
-  const auto sane = [](const auto& m) { return m.allFinite() && m.cwiseAbs().maxCoeff() < kMost; };
-  if (!sane(velocity_) || !sane(acceleration_) || !sane(covariance_) ||
-      covariance_.diagonal().minCoeff() < 0.0 || !(surprise_ >= 0.0))
+  constexpr double kMostMotion = 1e5, kMostVariance = 1e9;  // of anything that moves
+  const auto below = [](const auto& m, double most) {
+    return m.allFinite() && m.cwiseAbs().maxCoeff() < most;
+  };
+  if (!below(velocity_, kMostMotion) || !below(acceleration_, kMostMotion) ||
+      !below(covariance_, kMostVariance) || covariance_.diagonal().minCoeff() < 0.0 || !(surprise_ >= 0.0))
     in.fail("motion filter");
 }
 

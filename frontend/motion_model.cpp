@@ -223,9 +223,9 @@ void MotionModel::load(ByteReader& in) {
   last_duration_ = in.take<std::int64_t>();
   const bool variances = translation_variance_ >= 0.0 && rotation_variance_ >= 0.0 && learned_ >= 0;
   const bool changes = change_.allFinite() && jerk_.allFinite() && change_.norm() + jerk_.norm() < 1e6;
-  if (interval_ <= 0 || last_duration_ < 0 || last_duration_ > kOtherClockUs || !changes ||
-      !motion_.allFinite() || motion_.norm() > 1e6 || !variances)
-    in.fail("motion");
+  const bool times =
+      interval_ > 0 && interval_ < kOtherClockUs && last_duration_ >= 0 && last_duration_ <= kOtherClockUs;
+  if (!times || !changes || !motion_.allFinite() || motion_.norm() > 1e6 || !variances) in.fail("motion");
   const bool up = std::abs(usual_up_.norm() - 1.0) < 1e-6;
   if (!usual_translation_.allFinite() || usual_translation_.norm() > 1e6 || !up) in.fail("usual step");
 }
