@@ -57,14 +57,14 @@ struct NearestPoint {
   float other_distance_m = 0.0F;
 };
 
-/// Voxel-hashed local map in a fixed frame. Not thread-safe, but const members may run in parallel.
+/// Voxel-hashed local map in a fixed frame. Const members may run in parallel.
 class LocalMap {
  public:
+  static constexpr int kReach = (1 << 22) - 8;  ///< Voxels; farther ones would share others' numbers.
   /// @param voxel_size_m         edge of a voxel [m], > 0
   /// @param max_points_per_voxel a voxel takes no more points than this, 1..255
   /// @param min_spacing_m        points of one voxel are at least this far apart [m]
   LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m);
-
   double voxel_size_m() const { return voxel_size_; }
   std::size_t point_count() const { return point_count_; }
   std::size_t voxel_count() const { return voxels_.size() - free_voxels_.size(); }
@@ -75,7 +75,7 @@ class LocalMap {
   /// Adds the points that their voxels still have room for, in their order.
   /// @param points         [m], in a sensor frame
   /// @param map_from_points their pose
-  /// @param seen_from       where the sensor was [m, map frame]; nullopt: not known
+  /// @param seen_from       the sensor's place [m, map frame] if it is known
   void insert(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
               const std::optional<Eigen::Vector3d>& seen_from = std::nullopt) {
     find_candidates(points, map_from_points, Parallel(1), seen_from);

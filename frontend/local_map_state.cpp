@@ -51,7 +51,8 @@ void LocalMap::load(ByteReader& in) {
   for (std::uint64_t i = 0; i < n_voxels; ++i) {
     const auto coordinates = in.take<Voxel3i>();
     const auto n_points = in.take<std::int32_t>();
-    if (n_points < 1 || static_cast<std::size_t>(n_points) > capacity_)
+    const bool within = coordinates.minCoeff() > -kReach && coordinates.maxCoeff() < kReach;
+    if (!within || n_points < 1 || static_cast<std::size_t>(n_points) > capacity_)
       in.fail("local map, voxel " + std::to_string(i));
     const std::int32_t v = voxel_at(coordinates);
     if (count(v) > 0) in.fail("local map, voxel " + std::to_string(i));

@@ -242,6 +242,7 @@ void Track::load(ByteReader& in) {
   evicted_at_ = in.take<Eigen::Vector3d>();
   if (!evicted_at_.allFinite()) in.fail("place of the last eviction");
   motion_.load(in);
+  if (motion_.last_pose().translation.norm() > LocalMap::kReach * config_.voxel_size_m) in.fail("last pose");
   scale_.load(in);
   builder_.load(in);
   map_.load(in);

@@ -2,6 +2,7 @@
 #include "frontend/local_map.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <map>
 #include <set>
 #include <utility>
@@ -266,6 +267,27 @@ TEST(LocalMap, SaveAndLoadGiveTheSameAnswers) {
     EXPECT_EQ(map.neighbourhood_moments(a.voxel).covariance(),
               copy.neighbourhood_moments(b.voxel).covariance());
   }
+}
+
+TEST(LocalMap, OfVoxelsFartherThanTheirNumbersReachIsNotLoaded) {
+  // Their block would be found under the number of another one.
+  LocalMap map(1.0, 3, 0.0);
+  map.insert({Eigen::Vector3f(0.5F, 0.5F, 0.5F)}, Pose());
+  std::vector<std::uint8_t> bytes;
+  ByteWriter out(bytes);
+  map.save(out);
+  constexpr std::size_t kFirstVoxel = sizeof(std::uint64_t);
+  const auto load_with_x = [&](std::int32_t x) {
+    std::memcpy(bytes.data() + kFirstVoxel, &x, sizeof x);
+    ByteReader in(bytes.data(), bytes.data() + bytes.size(), "map");
+    LocalMap copy(1.0, 3, 0.0);
+    copy.load(in);
+    return copy.point_count();
+  };
+  EXPECT_EQ(load_with_x(LocalMap::kReach - 1), 1U);
+  EXPECT_EQ(load_with_x(1 - LocalMap::kReach), 1U);
+  for (const std::int32_t x : {LocalMap::kReach, -LocalMap::kReach, 1 << 30, -(1 << 30)})
+    EXPECT_THROW(load_with_x(x), Error);
 }
 
 }  // namespace
