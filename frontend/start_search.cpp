@@ -24,7 +24,8 @@ constexpr int kSteps = 8;            // candidates to each side
 constexpr double kMostIntervals = 4.0, kJitter = 0.3;
 // Candidates that have come to one way: the same place [m], and motion [m] in the last interval.
 constexpr double kSamePlace = 0.1, kSameStep = 0.05;
-constexpr double kRoughness = 0.04, kSmooth_m_s = 0.5;  // weight of the way's roughness, and its floor
+// Weight of the way's roughness, and what of it is the noise of registration: who jumps less is not smoother.
+constexpr double kRoughness = 0.05, kNoise_m_s = 0.35;
 constexpr double kClearly = 0.009;  // between chance (0.007 in a corridor) and need (0.015 on a highway)
 
 Vector6d step(const Pose& from, const Pose& to) { return se3_log(from.inverse() * to); }
@@ -97,7 +98,7 @@ double StartSearch::roughness(const Way& way, const Intervals& intervals) {
 double StartSearch::score(const Way& way) const {
   const double rough_m_s = std::min(roughness(way, stamped()), roughness(way, even()));
   return way.agreement / static_cast<double>(way.poses.size() - 1) -
-         kRoughness * std::log(kSmooth_m_s + rough_m_s);
+         kRoughness * std::log(std::max(kNoise_m_s, rough_m_s));
 }
 
 double StartSearch::score(const Candidate& candidate) const {
@@ -196,7 +197,12 @@ bool StartSearch::doubtful() const {
 
 std::optional<FoundStart> StartSearch::find(const Track& followed, const Parallel& parallel) const {
   if (!doubtful()) return std::nullopt;
+  struct Outcome {
+    double score;
+    Vector6d velocity;
+  };
   std::optional<Candidate> best;
+  std::vector<Outcome> outcomes;
   // Two at a time: each has a map.
   const auto run_all = [&](std::vector<Candidate> candidates) {
     while (!candidates.empty()) {
@@ -205,17 +211,30 @@ std::optional<FoundStart> StartSearch::find(const Track& followed, const Paralle
         run(candidates[first + i], scans_.size(), parallel);
       });
       for (; candidates.size() > first; candidates.pop_back()) {
-        if (!best || score(candidates.back()) > score(*best)) best = std::move(candidates.back());
+        Candidate& c = candidates.back();
+        if (!c.lost) outcomes.push_back({score(c), better_velocity(c.way)});
+        if (!best || score(c) > score(*best)) best = std::move(c);
       }
     }
   };
   run_all(screen(parallel));
   if (!best || best->lost) return std::nullopt;
-  // Two more: from the speed that the best of them came to, and from that of the track followed, which began
-  // blindly and with a scale to match.
+  // Once more from the speed that the best of them came to, from that of the best of those that came to
+  // another one, lest it lose by the jumps alone that its first guess made, and from that of the track
+  // followed, which began blindly and with a scale to match.
+  const Vector6d velocity = better_velocity(best->way);
+  const auto elsewhere = [&](const Outcome& o) {
+    return std::abs(weak_direction().dot((o.velocity - velocity).head<3>())) * usual_interval() >
+           0.5 * kSpacing_m;
+  };
+  const Outcome* other = nullptr;
+  for (const Outcome& o : outcomes) {
+    if (elsewhere(o) && (other == nullptr || o.score > other->score)) other = &o;
+  }
   std::vector<Candidate> refined(2);
-  refined[0].velocity = better_velocity(best->way);
+  refined[0].velocity = velocity;
   refined[1].velocity = better_velocity(followed_);
+  if (other != nullptr) refined.emplace_back().velocity = other->velocity;
   run_all(std::move(refined));
   if (!(score(*best) > score(followed_) + kClearly)) return std::nullopt;
   FoundStart found{std::move(*best->track), std::move(best->results), base_->begins_session()};
