@@ -16,6 +16,27 @@ constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
 
+// By how much steps are lengthened: once, twice, three times as long while they go on in one direction.
+class Acceleration {
+ public:
+  static constexpr int kMostIterations = 15;
+
+  // @param step rotation scaled to metres
+  double factor(int iteration, const Vector6d& step) {
+    const bool goes_on = iteration >= kFirst && step.dot(last_) > kSame * step.norm() * last_.norm();
+    factor_ = goes_on ? std::min(factor_ + 1.0, kMost) : 1.0;
+    last_ = step;
+    return factor_;
+  }
+
+ private:
+  // A usual scan has converged before kFirst; farther than kMost a step leaves what was matched behind.
+  static constexpr int kFirst = 6;
+  static constexpr double kSame = 0.9, kMost = 3.0;  // kSame: cosine of the angle between them
+  Vector6d last_ = Vector6d::Zero();
+  double factor_ = 1.0;
+};
+
 // Eigenvalues of an information matrix whose rotations are scaled to metres by `lever`, and the step that it
 // gives in its observed directions only.
 struct Step {
@@ -129,8 +150,11 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() > kFewPoints;
   margin_m_ = kMostMargin;
   std::size_t stride = coarse_first ? source.size() / kFewPoints : 1;
-  for (result.iterations = 1; result.iterations <= config_.max_iterations; ++result.iterations) {
-    if (2 * result.iterations > config_.max_iterations) stride = 1;
+  Acceleration acceleration;
+  const int most =
+      accelerated_ ? std::min(Acceleration::kMostIterations, config_.max_iterations) : config_.max_iterations;
+  for (result.iterations = 1; result.iterations <= most; ++result.iterations) {
+    if (2 * result.iterations > most) stride = 1;
     sums = linearise(map, source, stride, local, sigma_m, parallel, result);
     Stopwatch watch;
     Vector6d gradient;
@@ -151,13 +175,19 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
       total += weight;
       gradient += weight * se3_log(local * expected.inverse());
     }
-    const Step step = solve(total, gradient, lever, config_.min_eigenvalue_ratio);
+    Step step = solve(total, gradient, lever, config_.min_eigenvalue_ratio);
     if (config_.mode != IcpMode::kRobust) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
+    const bool converged = stride == 1 && step.x.norm() < config_.convergence_m;
+    if (accelerated_ && !converged) {
+      Vector6d metres = step.x;
+      metres.tail<3>() *= lever;
+      step.x *= acceleration.factor(result.iterations, metres);
+    }
     local = se3_exp(step.x) * local;
     result.ms_solve += watch.lap_ms();
     const double length = step.x.norm();
-    if (stride == 1 && length < config_.convergence_m) {
+    if (converged) {
       result.converged = true;
       break;
     }
@@ -165,7 +195,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     margin_m_ = std::clamp(kMarginSteps * static_cast<float>(length), kLeastMargin, kMostMargin);
     if (length < config_.coarse_step_m) stride = 1;
   }
-  result.iterations = std::min(result.iterations, config_.max_iterations);
+  result.iterations = std::min(result.iterations, most);
   result.n_planar = sums.planar.count;
   result.n_non_planar = sums.non_planar.count;
   const int count = result.n_planar + result.n_non_planar;

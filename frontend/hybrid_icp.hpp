@@ -85,6 +85,9 @@ class HybridIcp {
   const IcpConfig& config() const { return config_; }
   /// Iterations of a registration at most, from now on.
   void set_max_iterations(int n) { config_.max_iterations = n; }
+  /// Whether steps that go on in one direction are lengthened from now on, and iterations halved in number:
+  /// for a start, whose prediction may be off by many steps along a direction that is hardly told.
+  void set_accelerated(bool on) { accelerated_ = on; }
 
   /// @param map    its planarity cache is brought up to date where it is needed
   /// @param source [m], sensor frame, deskewed
@@ -149,6 +152,7 @@ class HybridIcp {
   Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
 
   IcpConfig config_;
+  bool accelerated_ = false;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
   Pose outcome_;  // that they are of

@@ -26,7 +26,7 @@ constexpr double kMostIntervals = 4.0, kJitter = 0.3;
 constexpr double kSamePlace = 0.1, kSameStep = 0.05;
 // Weight of the way's roughness, and what of it is the noise of registration: who jumps less is not smoother.
 constexpr double kRoughness = 0.05, kNoise_m_s = 0.35;
-constexpr double kClearly = 0.009;  // between chance (0.007 in a corridor) and need (0.015 on a highway)
+constexpr double kClearly = 0.02;  // between chance (0.016 in a corridor) and need (0.03 on a highway)
 
 Vector6d step(const Pose& from, const Pose& to) { return se3_log(from.inverse() * to); }
 

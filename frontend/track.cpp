@@ -70,6 +70,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   last_registration_ = IcpResult();
   agreement_ = 0.0;
   turned_.clear();
+  icp_.set_accelerated(keep_open);
   FrontendOutput out;
   OdometryResult& o = out.odometry;
   o.sequence = scan.sequence;

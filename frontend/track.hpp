@@ -57,7 +57,8 @@ class Track {
         scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window),
         builder_(config.submap_voxel_m) {}
 
-  /// @param keep_open the open submap is not cut unless a new start begins, and agreement() is taken
+  /// @param keep_open a start is being searched: the open submap is not cut unless a new start begins,
+  ///                  agreement() is taken, and registration reaches far in few iterations
   FrontendOutput process(const StampedCloud& scan, const Parallel& parallel, Remarks& remarks,
                          bool keep_open);
   std::optional<Submap> finish() { return builder_.finish(); }
