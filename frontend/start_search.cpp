@@ -26,7 +26,9 @@ constexpr double kMostIntervals = 4.0, kJitter = 0.3;
 constexpr double kSamePlace = 0.1, kSameStep = 0.05;
 // Weight of the way's roughness, and what of it is the noise of registration: who jumps less is not smoother.
 constexpr double kRoughness = 0.05, kNoise_m_s = 0.35;
-constexpr double kClearly = 0.02;  // between chance (0.016 in a corridor) and need (0.03 on a highway)
+// By how much a way must be better than the one followed: another one (0.014 on a highway that needs it), and
+// one that lies beside it and is worth less (chance gives 0.016 in a corridor).
+constexpr double kClearly = 0.009, kClearlyBeside = 0.02;
 
 Vector6d step(const Pose& from, const Pose& to) { return se3_log(from.inverse() * to); }
 
@@ -99,6 +101,17 @@ double StartSearch::score(const Way& way) const {
   const double rough_m_s = std::min(roughness(way, stamped()), roughness(way, even()));
   return way.agreement / static_cast<double>(way.poses.size() - 1) -
          kRoughness * std::log(std::max(kNoise_m_s, rough_m_s));
+}
+
+// How far apart two ways from one first pose lie at most [m].
+double StartSearch::apart(const Way& a, const Way& b) {
+  double most = 0.0;
+  for (std::size_t i = 1; i < a.poses.size(); ++i) {
+    const Pose from_a = a.poses.front().inverse() * a.poses[i],
+               from_b = b.poses.front().inverse() * b.poses[i];
+    most = std::max(most, (from_a.translation - from_b.translation).norm());
+  }
+  return most;
 }
 
 double StartSearch::score(const Candidate& candidate) const {
@@ -197,46 +210,61 @@ bool StartSearch::doubtful() const {
 
 std::optional<FoundStart> StartSearch::find(const Track& followed, const Parallel& parallel) const {
   if (!doubtful()) return std::nullopt;
-  struct Outcome {
-    double score;
-    Vector6d velocity;
+  const auto keep_better = [&](std::optional<Candidate>& best, Candidate& c) {
+    if (!best || score(c) > score(*best)) best = std::move(c);
   };
-  std::optional<Candidate> best;
-  std::vector<Outcome> outcomes;
   // Two at a time: each has a map.
-  const auto run_all = [&](std::vector<Candidate> candidates) {
+  const auto run_all = [&](std::vector<Candidate> candidates, const auto& take) {
     while (!candidates.empty()) {
       const std::size_t n = std::min<std::size_t>(2, candidates.size()), first = candidates.size() - n;
       parallel.for_blocks(n, 1, [&](std::size_t i, std::size_t, std::size_t) {
         run(candidates[first + i], scans_.size(), parallel);
       });
       for (; candidates.size() > first; candidates.pop_back()) {
-        Candidate& c = candidates.back();
-        if (!c.lost) outcomes.push_back({score(c), better_velocity(c.way)});
-        if (!best || score(c) > score(*best)) best = std::move(c);
+        if (!candidates.back().lost) take(candidates.back());
       }
     }
   };
-  run_all(screen(parallel));
-  if (!best || best->lost) return std::nullopt;
-  // Once more from the speed that the best of them came to, from that of the best of those that came to
-  // another one, lest it lose by the jumps alone that its first guess made, and from that of the track
-  // followed, which began blindly and with a scale to match.
+  struct Outcome {
+    double score;
+    Vector6d velocity;
+  };
+  std::vector<Outcome> outcomes;
+  std::optional<Candidate> best;
+  run_all(screen(parallel), [&](Candidate& c) {
+    outcomes.push_back({score(c), better_velocity(c.way)});
+    keep_better(best, c);
+  });
+  if (!best) return std::nullopt;
   const Vector6d velocity = better_velocity(best->way);
-  const auto elsewhere = [&](const Outcome& o) {
-    return std::abs(weak_direction().dot((o.velocity - velocity).head<3>())) * usual_interval() >
-           0.5 * kSpacing_m;
+  const auto elsewhere = [&](const Vector6d& other) {
+    return std::abs(weak_direction().dot((other - velocity).head<3>())) * usual_interval() > 0.5 * kSpacing_m;
   };
   const Outcome* other = nullptr;
   for (const Outcome& o : outcomes) {
-    if (elsewhere(o) && (other == nullptr || o.score > other->score)) other = &o;
+    if (elsewhere(o.velocity) && (other == nullptr || o.score > other->score)) other = &o;
   }
+  // Once more from the speed that the best of them came to, from that of the best of those that came to
+  // another one, and from that of the track followed, which began blindly and with a scale to match.
   std::vector<Candidate> refined(2);
   refined[0].velocity = velocity;
   refined[1].velocity = better_velocity(followed_);
   if (other != nullptr) refined.emplace_back().velocity = other->velocity;
-  run_all(std::move(refined));
-  if (!(score(*best) > score(followed_) + kClearly)) return std::nullopt;
+  std::optional<Candidate> here, there;
+  run_all(std::move(refined),
+          [&](Candidate& c) { keep_better(elsewhere(better_velocity(c.way)) ? there : here, c); });
+  // One speed or the other is told by both attempts at it: the first may have jumped because of where it
+  // began, and a way at a wrong speed does not come out as well again.
+  const auto mean = [&](double first, const std::optional<Candidate>& second) {
+    return second ? 0.5 * (first + score(*second)) : first;
+  };
+  if (there && mean(other != nullptr ? other->score : score(*there), there) > mean(score(*best), here)) {
+    best = std::move(there);
+  } else if (here) {
+    keep_better(best, *here);
+  }
+  const double needed = apart(best->way, followed_) < kSpacing_m ? kClearlyBeside : kClearly;
+  if (!(score(*best) > score(followed_) + needed)) return std::nullopt;
   FoundStart found{std::move(*best->track), std::move(best->results), base_->begins_session()};
   found.track.lift_limit();
   if (found.moved) {

@@ -62,6 +62,7 @@ class StartSearch {
   static double roughness(const Way& way, const Intervals& intervals);
   double score(const Way& way) const;
   double score(const Candidate& candidate) const;
+  static double apart(const Way& a, const Way& b);
   bool doubtful() const;
   Eigen::Vector3d weak_direction() const;
   Vector6d better_velocity(const Way& way) const;
