@@ -85,8 +85,8 @@ class HybridIcp {
   const IcpConfig& config() const { return config_; }
   /// Iterations of a registration at most, from now on.
   void set_max_iterations(int n) { config_.max_iterations = n; }
-  /// Whether steps that go on in one direction are lengthened from now on, and iterations halved in number:
-  /// for a start, whose prediction may be off by many steps along a direction that is hardly told.
+  /// Whether steps that go on in one direction are lengthened from now on, up to three times, and iterations
+  /// are 15 at most: for a start, whose prediction may be off by many steps along a direction hardly told.
   void set_accelerated(bool on) { accelerated_ = on; }
 
   /// @param map    its planarity cache is brought up to date where it is needed

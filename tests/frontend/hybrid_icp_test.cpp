@@ -27,16 +27,14 @@ struct Slide {
   double off_m;
 };
 
-// A street registered from a guess that is off by `off` along it.
+// A street registered from a guess that is off by `off` [m] along it.
 Slide slide(const Cloud& source, double off, bool accelerated, int iterations) {
   FrontendConfig config;
   IcpConfig icp = icp_config(config);
   icp.max_iterations = iterations;
   LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
   const Parallel parallel(1);
-  const Cloud target = street(1, 6000);
-  map.find_candidates(target, Pose(), parallel, Eigen::Vector3d::Zero());
-  map.insert_candidates();
+  map.insert(street(1, 6000), Pose(), Eigen::Vector3d::Zero());
   HybridIcp registration(icp);
   registration.set_accelerated(accelerated);
   Slide out;
