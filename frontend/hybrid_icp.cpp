@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <Eigen/Eigenvalues>
 
@@ -15,6 +16,14 @@ constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's dir
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
 constexpr double kResidual =
     0.2;  // [m], what counts as a residual's deviation, correlation between points included
+
+// Of a refinement: iterations at most; scales that are this share of the last ones no longer change; and
+// directions whose eigenvalue is below this share of the largest stay as they are: there, what a narrow scale
+// would leave out may be all that tells the motion (a highway, a corridor).
+constexpr int kMostRefining = 5;
+constexpr double kSameScale = 0.8, kRefinedDirections = 0.08;
+// The registration before it ends at steps that are longer by this factor.
+constexpr double kBeforeRefining = 2.0;
 
 // By how much steps are lengthened: once, twice, three times as long while they go on in one direction.
 class Acceleration {
@@ -117,22 +126,39 @@ double HybridIcp::support_weak_directions(const NormalEquations& sums, double le
   return ratio;
 }
 
+ResidualScales ResidualScales::narrowed(const NormalEquations& sums) const {
+  // Of the residuals' RMS, and no less than what noise, deskewing and the map's spacing leave in them.
+  constexpr double kPlanar = 1.5, kLeastPlanar = 0.05, kPoint = 1.2, kLeastPoint = 0.1;
+  return {std::min(planar_m, std::max(kLeastPlanar, kPlanar * sums.planar.rms_m())),
+          std::min(point_m, std::max(kLeastPoint, kPoint * sums.non_planar.rms_m()))};
+}
+
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                            double sigma_m, const Parallel& parallel, const PosePrior* prior) {
   // All sums are taken about a voxel corner near the sensor: well conditioned, and floats keep their digits.
   origin_ = map.locate(guess.translation).voxel;
   correspondences_.assign(source.size(), Correspondence());
-  return iterate(map, source, guess, sigma_m, parallel, prior);
+  return iterate(map, source, guess, sigma_m, parallel, prior, false);
 }
 
 IcpResult HybridIcp::align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                                  double sigma_m, const Parallel& parallel, const PosePrior* prior) {
   if (correspondences_.size() != source.size()) return align(map, source, guess, sigma_m, parallel, prior);
-  return iterate(map, source, guess, sigma_m, parallel, prior);
+  return iterate(map, source, guess, sigma_m, parallel, prior, false);
+}
+
+IcpResult HybridIcp::refine(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                            double sigma_m, const Parallel& parallel, const PosePrior* prior) {
+  if (correspondences_.size() != source.size()) {
+    const IcpResult icp = align(map, source, guess, sigma_m, parallel, prior);
+    return iterate(map, source, icp.map_from_source, sigma_m, parallel, prior, true);
+  }
+  return iterate(map, source, guess, sigma_m, parallel, prior, true);
 }
 
 IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                             double sigma_m, const Parallel& parallel, const PosePrior* prior) {
+                             double sigma_m, const Parallel& parallel, const PosePrior* prior,
+                             bool refining) {
   IcpResult result;
   result.map_from_source = guess;
   if (map.empty() || source.empty()) return result;
@@ -143,19 +169,33 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   const double lever = std::sqrt(std::max(1e-6, lever2 / static_cast<double>(source.size())));
   result.mean_range_m = lever;
 
-  NormalEquations sums;
   Matrix6d information = Matrix6d::Zero();
   in_plane_needed_ = config_.mode == IcpMode::kRobust;  // until the first iteration has told
   // Few points tell a long step's direction as well as many.
-  const bool coarse_first = config_.coarse_step_m > 0.0 && source.size() > kFewPoints;
+  const bool coarse_first = !refining && config_.coarse_step_m > 0.0 && source.size() > kFewPoints;
   margin_m_ = kMostMargin;
   std::size_t stride = coarse_first ? source.size() / kFewPoints : 1;
   Acceleration acceleration;
-  const int most =
-      accelerated_ ? std::min(Acceleration::kMostIterations, config_.max_iterations) : config_.max_iterations;
+  int most = config_.max_iterations;
+  if (accelerated_) most = std::min(most, Acceleration::kMostIterations);
+  if (refining) most = std::min(most, kMostRefining);
+  const double least_ratio =
+      refining ? std::max(kRefinedDirections, config_.min_eigenvalue_ratio) : config_.min_eigenvalue_ratio;
+  if (!refining) scales_ = {sigma_m, sigma_m};
+  // A refinement goes on from here.
+  const double convergence_m =
+      (config_.mode == IcpMode::kRobust && !refining && !accelerated_ ? kBeforeRefining : 1.0) *
+      config_.convergence_m;
   for (result.iterations = 1; result.iterations <= most; ++result.iterations) {
     if (2 * result.iterations > most) stride = 1;
-    sums = linearise(map, source, stride, local, sigma_m, parallel, result);
+    bool narrowing = false;
+    if (refining) {
+      const ResidualScales before = std::exchange(scales_, scales_.narrowed(sums_));
+      narrowing =
+          scales_.planar_m < kSameScale * before.planar_m || scales_.point_m < kSameScale * before.point_m;
+    }
+    sums_ = linearise(map, source, stride, local, sigma_m, parallel, result);
+    const NormalEquations& sums = sums_;
     Stopwatch watch;
     Vector6d gradient;
     information = balance(sums, gradient);
@@ -175,10 +215,10 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
       total += weight;
       gradient += weight * se3_log(local * expected.inverse());
     }
-    Step step = solve(total, gradient, lever, config_.min_eigenvalue_ratio);
+    Step step = solve(total, gradient, lever, least_ratio);
     if (config_.mode != IcpMode::kRobust) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
-    const bool converged = stride == 1 && step.x.norm() < config_.convergence_m;
+    const bool converged = stride == 1 && !narrowing && step.x.norm() < convergence_m;
     if (accelerated_ && !converged) {
       Vector6d metres = step.x;
       metres.tail<3>() *= lever;
@@ -196,6 +236,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     if (length < config_.coarse_step_m) stride = 1;
   }
   result.iterations = std::min(result.iterations, most);
+  const NormalEquations& sums = sums_;
   result.n_planar = sums.planar.count;
   result.n_non_planar = sums.non_planar.count;
   const int count = result.n_planar + result.n_non_planar;

@@ -50,6 +50,14 @@ struct PosePrior {
   Matrix6d information = Matrix6d::Zero();  ///< Left increments about the source's origin, axes of the map.
 };
 
+/// Scales c of the robust loss, a kind of residual [m].
+struct ResidualScales {
+  double planar_m = 0.0, point_m = 0.0;
+
+  /// Narrower ones: not much wider than the residuals that `sums`, taken with these, has heard.
+  ResidualScales narrowed(const NormalEquations& sums) const;
+};
+
 /// Outcome of one registration.
 struct IcpResult {
   Pose map_from_source;
@@ -100,6 +108,12 @@ class HybridIcp {
   /// the map has changed: what was found for them is kept where it still stands.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                         double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
+  /// The same, for a pose that is right but for a last step: residuals that differ from what most of their
+  /// kind are, whatever sigma is, are no longer heard. What the map does not know yet lies behind what it
+  /// knows, so a wide scale hears it from one side only, and holds the sensor back. Only in directions that
+  /// are well observed, and a few iterations at most.
+  IcpResult refine(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
+                   double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
   /// kRobust: source points on surfaces which the map knows from the other side
   /// (LocalMap::insert_other_side()), by index, with the surface's unit normal, axes of the map.
   /// @param result of the last align() or align_again(); none for another one, whose points lay elsewhere
@@ -138,7 +152,7 @@ class HybridIcp {
   };
 
   IcpResult iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                    double sigma_m, const Parallel& parallel, const PosePrior* prior);
+                    double sigma_m, const Parallel& parallel, const PosePrior* prior, bool refining);
   NormalEquations linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source, std::size_t stride,
                             const Pose& local_from_source, double sigma_m, const Parallel& parallel,
                             IcpResult& result);
@@ -157,6 +171,9 @@ class HybridIcp {
   std::vector<Correspondence> correspondences_;
   Pose outcome_;  // that they are of
   std::vector<Part> parts_;
+  // Scales of the robust loss [m], and what the last iteration has summed with them.
+  ResidualScales scales_;
+  NormalEquations sums_;
   float margin_m_ = 0.0F;         // of the present searches (LocalMap::nearest)
   bool in_plane_needed_ = false;  // by a weak direction of the present registration
 };

@@ -12,10 +12,11 @@ namespace {
 // Source points a block; fixed, so that sums do not depend on the threads.
 constexpr std::size_t kBlock = PlaneBatch::kMost;
 
-// IRLS weight of the Geman-McClure loss rho(e) = e^2 / (e^2 + c^2), up to the constant factor 2.
-float robust_weight(float squared_error, float c2) {
-  const float d = squared_error + c2;
-  return c2 / (d * d);
+// IRLS weight of the Geman-McClure loss rho(e) = e^2 / (e^2 + c^2), up to the constant factor 2, times
+// c^2 / sigma^2: whatever c is, a residual of zero weighs 1 / sigma^2.
+float robust_weight(float squared_error, float c2, float per_sigma2) {
+  const float d = c2 / (squared_error + c2);
+  return d * d * per_sigma2;
 }
 
 constexpr std::size_t kAhead = 6;     // queries that the memory is asked for before their turn
@@ -138,8 +139,10 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
                            Part& part) const {
   const Eigen::Matrix3f r = local_from_source.rotation.toRotationMatrix().cast<float>();
   const Eigen::Vector3f t = local_from_source.translation.cast<float>();
-  const auto c2 = static_cast<float>(sigma_m * sigma_m);
-  const float max2 = 9.0F * c2;
+  const auto sigma2 = static_cast<float>(sigma_m * sigma_m);
+  const float max2 = 9.0F * sigma2, per_sigma2 = 1.0F / sigma2;
+  const auto planar2 = static_cast<float>(scales_.planar_m * scales_.planar_m);
+  const auto point2 = static_cast<float>(scales_.point_m * scales_.point_m);
   const bool plane_only = config_.mode == IcpMode::kPointToPlane;
   NormalEquations& sums = part.sums;
   sums = NormalEquations();
@@ -157,12 +160,13 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
     const Eigen::Vector3f& n = c.normal;
     if (n != Eigen::Vector3f::Zero()) {
       const float e = n.dot(d);
-      planes.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), e, robust_weight(e * e, c2)});
+      planes.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), e, robust_weight(e * e, planar2, per_sigma2)});
       if (in_plane_needed_) {
-        plane_points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, c2)});
+        plane_points.add(
+            {p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, sigma2, per_sigma2)});
       }
     } else if (!plane_only) {
-      points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, c2)});
+      points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, point2, per_sigma2)});
     }
   }
   sums.fit = static_cast<double>(fit);
@@ -217,6 +221,7 @@ double HybridIcp::agreement(LocalMap& map, const std::vector<Eigen::Vector3f>& s
   const Eigen::Vector3d origin = origin_.cast<double>() * map.voxel_size_m();
   const Pose local(map_from_source.rotation, map_from_source.translation - origin);
   correspondences_.assign(source.size(), Correspondence());
+  scales_ = {kReach / 3.0, kReach / 3.0};
   IcpResult ignored;
   linearise(map, source, stride, local, kReach / 3.0, parallel, ignored);
   const Eigen::Matrix3f r = local.rotation.toRotationMatrix().cast<float>();

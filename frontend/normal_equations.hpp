@@ -1,6 +1,8 @@
 // Sums of the Gauss-Newton system, kept apart by kind of residual so that they can be balanced after they
 // were taken.
 #pragma once
+#include <cmath>
+
 #include <Eigen/Core>
 
 #include "common/geometry/pose.hpp"
@@ -29,6 +31,11 @@ struct PlaneSums {
     return m;
   }
   Vector6d gradient() const { return Vector6d(g); }
+  /// RMS of the weighted residuals [m]; 0 if there are none.
+  double rms_m() const {
+    const double w = h[0] + h[6] + h[11];  // unit normals: the trace of J^T J's translations
+    return w > 0.0 ? std::sqrt(squares / w) : 0.0;
+  }
 };
 
 /// sum w r-residuals: J = [I, -[p]x], r = p - q; the moments that J^T J and J^T r are made of.
@@ -64,6 +71,8 @@ struct PointSums {
     v << r, pxr;
     return v;
   }
+  /// RMS of the weighted residuals [m]; 0 if there are none.
+  double rms_m() const { return w > 0.0 ? std::sqrt(squares / w) : 0.0; }
 };
 
 /// All sums of one iteration. Points are relative to the local origin.

@@ -124,6 +124,12 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
       icp = again;
       icp.iterations += before;
     }
+    if (!second && !keep_open && icp_.config().mode == IcpMode::kRobust) {
+      const IcpResult wide = icp;
+      icp = icp_.refine(map_, source_, wide.map_from_source, sigma, parallel, &prior);
+      icp.iterations += wide.iterations;
+      icp.min_eigenvalue_ratio = wide.min_eigenvalue_ratio;  // of all that the scan has said
+    }
     const bool lost = !second && astray(sigma, icp);
     icp_.turned_points(icp, turned_);
     last_registration_ = icp;
