@@ -22,7 +22,7 @@ constexpr double kResidual =
 // would leave out may be all that tells the motion (a highway, a corridor).
 constexpr int kMostRefining = 5;
 constexpr double kSameScale = 0.8, kRefinedDirections = 0.08;
-// The registration before it ends at steps that are longer by this factor.
+// The registration before it ends at steps that are longer by this factor, where no direction is weak.
 constexpr double kBeforeRefining = 2.0;
 
 // By how much steps are lengthened: once, twice, three times as long while they go on in one direction.
@@ -150,8 +150,10 @@ IcpResult HybridIcp::align_again(LocalMap& map, const std::vector<Eigen::Vector3
 IcpResult HybridIcp::refine(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                             double sigma_m, const Parallel& parallel, const PosePrior* prior) {
   if (correspondences_.size() != source.size()) {
-    const IcpResult icp = align(map, source, guess, sigma_m, parallel, prior);
-    return iterate(map, source, icp.map_from_source, sigma_m, parallel, prior, true);
+    const IcpResult wide = align(map, source, guess, sigma_m, parallel, prior);
+    IcpResult narrow = iterate(map, source, wide.map_from_source, sigma_m, parallel, prior, true);
+    narrow.add_work(wide);
+    return narrow;
   }
   return iterate(map, source, guess, sigma_m, parallel, prior, true);
 }
@@ -182,10 +184,6 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   const double least_ratio =
       refining ? std::max(kRefinedDirections, config_.min_eigenvalue_ratio) : config_.min_eigenvalue_ratio;
   if (!refining) scales_ = {sigma_m, sigma_m};
-  // A refinement goes on from here.
-  const double convergence_m =
-      (config_.mode == IcpMode::kRobust && !refining && !accelerated_ ? kBeforeRefining : 1.0) *
-      config_.convergence_m;
   for (result.iterations = 1; result.iterations <= most; ++result.iterations) {
     if (2 * result.iterations > most) stride = 1;
     bool narrowing = false;
@@ -218,7 +216,11 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     Step step = solve(total, gradient, lever, least_ratio);
     if (config_.mode != IcpMode::kRobust) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
-    const bool converged = stride == 1 && !narrowing && step.x.norm() < convergence_m;
+    // Where a refinement goes on in all directions, the rest is left to it.
+    const bool to_be_refined = config_.mode == IcpMode::kRobust && !refining && !accelerated_ &&
+                               result.min_eigenvalue_ratio >= kRefinedDirections;
+    const bool converged = stride == 1 && !narrowing &&
+                           step.x.norm() < (to_be_refined ? kBeforeRefining : 1.0) * config_.convergence_m;
     if (accelerated_ && !converged) {
       Vector6d metres = step.x;
       metres.tail<3>() *= lever;

@@ -75,6 +75,13 @@ struct IcpResult {
   int unobserved_directions = 0;
   double ms_search = 0.0, ms_planarity = 0.0, ms_solve = 0.0;
 
+  /// Counts the work of the registration before it, which it went on from, as its own.
+  void add_work(const IcpResult& before) {
+    iterations += before.iterations;
+    ms_search += before.ms_search;
+    ms_planarity += before.ms_planarity;
+    ms_solve += before.ms_solve;
+  }
   double alpha() const {
     const int n = n_planar + n_non_planar;
     return n > 0 ? static_cast<double>(n_planar) / n : 0.0;

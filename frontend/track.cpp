@@ -119,15 +119,14 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
       if (change.head<3>().norm() + icp.mean_range_m * change.tail<3>().norm() < config_.redeskew_threshold_m)
         break;
       deskew(better);
-      const IcpResult again = icp_.align_again(map_, source_, icp.map_from_source, sigma, parallel, &prior);
-      const int before = icp.iterations;
-      icp = again;
-      icp.iterations += before;
+      const IcpResult before = icp;
+      icp = icp_.align_again(map_, source_, before.map_from_source, sigma, parallel, &prior);
+      icp.add_work(before);
     }
     if (!second && !keep_open && icp_.config().mode == IcpMode::kRobust) {
       const IcpResult wide = icp;
       icp = icp_.refine(map_, source_, wide.map_from_source, sigma, parallel, &prior);
-      icp.iterations += wide.iterations;
+      icp.add_work(wide);
       icp.min_eigenvalue_ratio = wide.min_eigenvalue_ratio;  // of all that the scan has said
     }
     const bool lost = !second && astray(sigma, icp);

@@ -1,6 +1,8 @@
 // How the registration iterates: far in few steps where it is told to.
 #include "frontend/hybrid_icp.hpp"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "frontend/frontend_config.hpp"
@@ -71,6 +73,75 @@ TEST(HybridIcp, AcceleratedEndsWhereItWouldWithout) {
 TEST(HybridIcp, FewerIterationsThanAcceleratedOnesStayFewer) {
   const Cloud source = street(2, 1500);
   EXPECT_EQ(slide(source, 1.1, true, 4).result.iterations, 4);
+}
+
+// What registration says of `source`, whose true pose is the identity, and what is left after refining it.
+struct Refined {
+  IcpResult wide, narrow;
+};
+
+Refined refined(const Cloud& map_points, const Cloud& source, const Eigen::Vector3d& off, double sigma_m) {
+  FrontendConfig config;
+  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  const Parallel parallel(1);
+  map.insert(map_points, Pose());
+  HybridIcp registration(icp_config(config));
+  const Pose guess(Eigen::Quaterniond::Identity(), off);
+  Refined out;
+  out.wide = registration.align(map, source, guess, sigma_m, parallel);
+  out.narrow = registration.refine(map, source, out.wide.map_from_source, sigma_m, parallel);
+  return out;
+}
+
+TEST(HybridIcp, RefinedItIsNotHeldBackByWhatComesInSightBehindThings) {
+  Cloud source = test::room(2, 1500);
+  test::Dice dice(3);
+  // A part of the wall ahead has gone from sight, and with it what stands a little behind it has come in.
+  test::add_patch(source, dice, 1000, {12.2, -8, -2}, {0, 16, 0}, {0, 0, 6});
+  const Refined r = refined(test::room(1), source, {0.1, -0.1, 0.05}, 0.3);
+  EXPECT_GT(std::abs(r.wide.map_from_source.translation.x()), 0.01);
+  EXPECT_LT(std::abs(r.narrow.map_from_source.translation.x()),
+            0.3 * std::abs(r.wide.map_from_source.translation.x()));
+  EXPECT_LT(r.narrow.map_from_source.translation.norm(), 0.01);
+  EXPECT_LE(r.narrow.iterations, 5);
+  EXPECT_TRUE(r.narrow.converged);
+}
+
+TEST(HybridIcp, RefiningLeavesAWeakDirectionAsItWas) {
+  const Refined r = refined(test::corridor(1), test::corridor(2, 1500), {0.0, 0.1, 0.05}, 0.3);
+  EXPECT_LT(r.wide.min_eigenvalue_ratio, 0.03);
+  EXPECT_NEAR(r.narrow.map_from_source.translation.x(), r.wide.map_from_source.translation.x(), 1e-3);
+  EXPECT_NEAR(r.narrow.map_from_source.translation.y(), 0.0, 0.005);
+  EXPECT_GT(r.narrow.unobserved_directions, 0);
+}
+
+TEST(HybridIcp, RefiningBeginsByItselfWhereNothingWasRegisteredBefore) {
+  FrontendConfig config;
+  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  const Parallel parallel(1);
+  map.insert(test::room(1), Pose());
+  HybridIcp registration(icp_config(config));
+  const Pose guess(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.2, 0.1, 0.0));
+  const IcpResult r = registration.refine(map, test::room(2, 1500), guess, 0.5, parallel);
+  EXPECT_LT(r.map_from_source.translation.norm(), 0.01);
+}
+
+TEST(ResidualScales, NarrowToWhatResidualsAreAndNeverWiden) {
+  NormalEquations sums;
+  sums.planar.h[0] = sums.planar.h[6] = 1.0;  // weights of 2 in all
+  sums.planar.squares = 2.0 * 0.1 * 0.1;
+  sums.non_planar.w = 4.0;
+  sums.non_planar.squares = 4.0 * 0.2 * 0.2;
+  const ResidualScales wide{2.0, 2.0};
+  const ResidualScales once = wide.narrowed(sums);
+  EXPECT_NEAR(once.planar_m, 0.15, 1e-12);
+  EXPECT_NEAR(once.point_m, 0.24, 1e-12);
+  const ResidualScales below{0.1, 0.2};
+  EXPECT_EQ(below.narrowed(sums).planar_m, 0.1);
+  EXPECT_EQ(below.narrowed(sums).point_m, 0.2);
+  // Nothing heard, or residuals of nearly zero: no narrower than noise.
+  EXPECT_EQ(wide.narrowed(NormalEquations()).planar_m, 0.05);
+  EXPECT_EQ(wide.narrowed(NormalEquations()).point_m, 0.1);
 }
 
 }  // namespace

@@ -179,12 +179,12 @@ TEST(Track, ALimitOfIterationsHoldsUntilItIsLifted) {
   const StampedCloud next = stamped(room_scan(6), parallel);  // two scans are missing before it
   const Pose pose = free.process(next, parallel, remarks, false).odometry.odom_from_sensor;
   ASSERT_GT(free.last_registration().iterations, 1);
-  limited.process(next, parallel, remarks, false);
+  limited.process(next, parallel, remarks, true);  // as in a search: nothing is refined
   EXPECT_EQ(limited.last_registration().iterations, 1);
   const Pose same = lifted.process(next, parallel, remarks, false).odometry.odom_from_sensor;
   EXPECT_EQ(same.translation, pose.translation);
   limited.limit_iterations(1000);  // more than the configuration allows: no more than that
-  limited.process(stamped(room_scan(0), parallel), parallel, remarks, false);
+  limited.process(stamped(room_scan(0), parallel), parallel, remarks, true);
   EXPECT_LE(limited.last_registration().iterations, FrontendConfig().max_iterations);
 }
 
