@@ -123,7 +123,8 @@ class HybridIcp {
                    double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
   /// kRobust: source points on surfaces which the map knows from the other side
   /// (LocalMap::insert_other_side()), by index, with the surface's unit normal, axes of the map.
-  /// @param result of the last align() or align_again(); none for another one, whose points lay elsewhere
+  /// @param result of the last align(), align_again() or refine(); none for another one, whose points lay
+  ///               elsewhere
   void turned_points(const IcpResult& result,
                      std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const;
   /// Soft share of the source points that lie within some 0.2 m of the map's surface, 0..1, of 1,500 of them
