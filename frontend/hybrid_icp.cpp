@@ -162,6 +162,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
                              double sigma_m, const Parallel& parallel, const PosePrior* prior,
                              bool refining) {
   IcpResult result;
+  refining_ = refining;
   result.map_from_source = guess;
   if (map.empty() || source.empty()) return result;
   const Eigen::Vector3d origin = origin_.cast<double>() * map.voxel_size_m();

@@ -143,6 +143,8 @@ class HybridIcp {
     std::int16_t slot = 0;  // of the target in its voxel
     // kRobust: the nearest point was seen from the surface's other side; and there is none on this side.
     bool turned = false, hidden = false;
+    // kRobust: the neighbourhood is a line; and one that the sensor may have drawn itself.
+    bool line = false, scan_line = false;
   };
   // What one iteration leaves of a block of source points.
   struct Part {
@@ -167,6 +169,8 @@ class HybridIcp {
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
   static const Planarity& shape_of(const LocalMap& map, std::int32_t voxel, Part& part);
   void classify(const LocalMap& map, const Pose& local_from_source, Part& part);
+  static bool is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& view,
+                           const Eigen::Vector3f& sensor_axis);
   void look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor, Correspondence& c) const;
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
   double support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
@@ -174,7 +178,7 @@ class HybridIcp {
   Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
 
   IcpConfig config_;
-  bool accelerated_ = false;
+  bool accelerated_ = false, refining_ = false;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
   Pose outcome_;  // that they are of

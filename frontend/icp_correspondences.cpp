@@ -59,7 +59,7 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
     const NearestPoint nearest = map.nearest(probe, margin_m_);
     c.other_distance = nearest.other_distance_m;
     c.voxel = nearest.voxel;
-    c.turned = c.hidden = false;
+    c.turned = c.hidden = c.line = c.scan_line = false;
     if (nearest.voxel < 0) continue;
     c.slot = static_cast<std::int16_t>(nearest.slot);
     map.prefetch_views(nearest.voxel);
@@ -100,6 +100,16 @@ void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& se
   c.other_distance = 0.0F;  // does not stand when the point moves
 }
 
+// A line's normal is one of many. Where a sensor draws single lines, a ring on the ground ahead, it may well
+// lie flat, and would then hold the sensor to its own pattern, which moves with it. What is at one elevation
+// for the place that it was seen from may be such a line.
+bool HybridIcp::is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& view,
+                             const Eigen::Vector3f& sensor_axis) {
+  constexpr float kLevel = 0.3F;  // sine of the angle to the line of one elevation
+  const Eigen::Vector3f upwards = sensor_axis - sensor_axis.dot(view) * view;  // across the view
+  return view != Eigen::Vector3f::Zero() && std::abs(line.dot(upwards)) < kLevel * upwards.norm();
+}
+
 void HybridIcp::turned_points(const IcpResult& result,
                               std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const {
   out.clear();
@@ -115,6 +125,7 @@ void HybridIcp::turned_points(const IcpResult& result,
 void HybridIcp::classify(const LocalMap& map, const Pose& local_from_source, Part& part) {
   part.planarities.clear();
   const Eigen::Vector3f sensor = local_from_source.translation.cast<float>();
+  const Eigen::Vector3f axis = (local_from_source.rotation * Eigen::Vector3d::UnitZ()).cast<float>();
   const auto n_min = static_cast<float>(config_.n_min);
   for (const std::uint32_t i : part.fresh) {
     Correspondence& c = correspondences_[i];
@@ -131,7 +142,10 @@ void HybridIcp::classify(const LocalMap& map, const Pose& local_from_source, Par
     }
     if (!(static_cast<double>(shape.score) < tau)) continue;
     c.normal = shape.normal;
-    if (config_.mode == IcpMode::kRobust) look_on_this_side(map, sensor, c);
+    if (config_.mode != IcpMode::kRobust) continue;
+    c.line = shape.line != Eigen::Vector3f::Zero();
+    c.scan_line = c.line && is_scan_line(shape.line, map.view(c.voxel, c.slot), axis);
+    look_on_this_side(map, sensor, c);
   }
 }
 
@@ -151,7 +165,7 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
   float fit = 0.0F;
   for (std::size_t i = source.begin; i < source.end; i += source.stride) {
     const Correspondence& c = correspondences_[i];
-    if (c.voxel < 0 || c.hidden) continue;
+    if (c.voxel < 0 || c.hidden || (refining_ && c.line)) continue;
     const Eigen::Vector3f p = r * source.points[i] + t;
     const Eigen::Vector3f d = p - c.target;
     const float squared = d.squaredNorm();
@@ -160,7 +174,9 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
     const Eigen::Vector3f& n = c.normal;
     if (n != Eigen::Vector3f::Zero()) {
       const float e = n.dot(d);
-      planes.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), e, robust_weight(e * e, planar2, per_sigma2)});
+      if (!c.scan_line || accelerated_) {
+        planes.add({p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), e, robust_weight(e * e, planar2, per_sigma2)});
+      }
       if (in_plane_needed_) {
         plane_points.add(
             {p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, sigma2, per_sigma2)});
@@ -222,6 +238,7 @@ double HybridIcp::agreement(LocalMap& map, const std::vector<Eigen::Vector3f>& s
   const Pose local(map_from_source.rotation, map_from_source.translation - origin);
   correspondences_.assign(source.size(), Correspondence());
   scales_ = {kReach / 3.0, kReach / 3.0};
+  refining_ = false;
   IcpResult ignored;
   linearise(map, source, stride, local, kReach / 3.0, parallel, ignored);
   const Eigen::Matrix3f r = local.rotation.toRotationMatrix().cast<float>();

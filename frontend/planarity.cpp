@@ -86,14 +86,24 @@ SmallestEigen smallest_eigenvector(const Eigen::Matrix3d& m) {
 }
 
 Planarity analyse(const Moments& moments) {
+  constexpr double kLine = 0.1;
   Planarity out;
   out.n = static_cast<float>(moments.n);
   if (moments.n < 3.0) return out;
-  const SmallestEigen e = smallest_eigenvector(moments.covariance());
+  const Eigen::Matrix3d covariance = moments.covariance();
+  const SmallestEigen e = smallest_eigenvector(covariance);
   const double total = e.values.sum();
   if (!(total > 0.0)) return out;
   out.normal = e.normal.cast<float>();
   out.score = static_cast<float>(e.values[2] / total);
+  if (e.values[1] < kLine * e.values[0]) {
+    // (m - l2 I) (m - l3 I) maps everything onto the eigenvector of l1.
+    const Eigen::Matrix3d onto = (covariance - e.values[1] * Eigen::Matrix3d::Identity()) *
+                                 (covariance - e.values[2] * Eigen::Matrix3d::Identity());
+    Eigen::Index widest = 0;
+    onto.colwise().squaredNorm().maxCoeff(&widest);
+    out.line = onto.col(widest).normalized().cast<float>();
+  }
   return out;
 }
 

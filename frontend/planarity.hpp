@@ -27,6 +27,9 @@ struct Planarity {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< Unit eigenvector of the smallest eigenvalue.
   float score = 1.0F;                                ///< s = l3 / (l1 + l2 + l3), 0..1/3; 1: too few points.
   float n = 0.0F;                                    ///< Points in the neighbourhood.
+  /// Unit eigenvector of the largest eigenvalue where the points lie along a line (l2 < 0.1 l1), whose normal
+  /// is one of many; zero: they do not.
+  Eigen::Vector3f line = Eigen::Vector3f::Zero();
 };
 
 /// Eigenvalue analysis of a neighbourhood's moments.

@@ -84,6 +84,17 @@ TEST(Planarity, PlaneLineAndBall) {
   EXPECT_NEAR(l.score, 0.0, 1e-6);
   EXPECT_NEAR(std::abs(l.normal.cast<double>().dot(r.col(0))), 0.0, 1e-3);
   EXPECT_NEAR(b.score, 1.0 / 3.0, 1e-6);
+  EXPECT_NEAR(std::abs(l.line.cast<double>().dot(r.col(0))), 1.0, 1e-6);
+  EXPECT_EQ(p.line, Eigen::Vector3f::Zero());
+  EXPECT_EQ(b.line, Eigen::Vector3f::Zero());
+}
+
+TEST(Planarity, ABandIsALineWhileItIsNarrow) {
+  const auto band = [](double half_width) {
+    return shape_of({{1, half_width, 0}, {-1, half_width, 0}, {1, -half_width, 0}, {-1, -half_width, 0}});
+  };
+  EXPECT_NEAR(std::abs(band(0.3).line.x()), 1.0F, 1e-6F);
+  EXPECT_EQ(band(0.33).line, Eigen::Vector3f::Zero());  // l2 / l1 = 0.11
 }
 
 TEST(Planarity, KnownScore) {
