@@ -145,6 +145,7 @@ class HybridIcp {
     bool turned = false, hidden = false;
     // kRobust: the neighbourhood is a line; and one that the sensor may have drawn itself.
     bool line = false, scan_line = false;
+    float seen_from_m = 0.0F;  // distance from which the map saw the target; 0: not known
   };
   // What one iteration leaves of a block of source points.
   struct Part {
@@ -169,7 +170,7 @@ class HybridIcp {
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
   static const Planarity& shape_of(const LocalMap& map, std::int32_t voxel, Part& part);
   void classify(const LocalMap& map, const Pose& local_from_source, Part& part);
-  static bool is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& view,
+  static bool is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& to_sensor,
                            const Eigen::Vector3f& sensor_axis);
   void look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor, Correspondence& c) const;
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;

@@ -22,6 +22,7 @@ float robust_weight(float squared_error, float c2, float per_sigma2) {
 constexpr std::size_t kAhead = 6;     // queries that the memory is asked for before their turn
 constexpr float kFit2 = 0.5F * 0.5F;  // [m^2], scale of IcpResult::fit
 constexpr float kEmptyMove = 0.2F;    // of a voxel
+constexpr float kFar = 50.0F;         // [m]: seen from there, a non-planar point weighs half when refining
 
 }  // namespace
 
@@ -101,13 +102,14 @@ void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& se
 }
 
 // A line's normal is one of many. Where a sensor draws single lines, a ring on the ground ahead, it may well
-// lie flat, and would then hold the sensor to its own pattern, which moves with it. What is at one elevation
-// for the place that it was seen from may be such a line.
-bool HybridIcp::is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& view,
+// lie flat, and would then hold the sensor to its own pattern, which moves with it. What lies at one
+// elevation for the sensor is such a line, or cannot be told from one.
+bool HybridIcp::is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& to_sensor,
                              const Eigen::Vector3f& sensor_axis) {
   constexpr float kLevel = 0.3F;  // sine of the angle to the line of one elevation
+  const Eigen::Vector3f view = to_sensor.normalized();
   const Eigen::Vector3f upwards = sensor_axis - sensor_axis.dot(view) * view;  // across the view
-  return view != Eigen::Vector3f::Zero() && std::abs(line.dot(upwards)) < kLevel * upwards.norm();
+  return std::abs(line.dot(upwards)) < kLevel * upwards.norm();
 }
 
 void HybridIcp::turned_points(const IcpResult& result,
@@ -130,6 +132,7 @@ void HybridIcp::classify(const LocalMap& map, const Pose& local_from_source, Par
   for (const std::uint32_t i : part.fresh) {
     Correspondence& c = correspondences_[i];
     c.normal.setZero();
+    c.seen_from_m = map.view_distance_m(c.voxel, c.slot);
     if (config_.mode == IcpMode::kPointToPoint) continue;
     const Planarity& shape = shape_of(map, c.voxel, part);
     if (shape.n < n_min) continue;
@@ -144,7 +147,8 @@ void HybridIcp::classify(const LocalMap& map, const Pose& local_from_source, Par
     c.normal = shape.normal;
     if (config_.mode != IcpMode::kRobust) continue;
     c.line = shape.line != Eigen::Vector3f::Zero();
-    c.scan_line = c.line && is_scan_line(shape.line, map.view(c.voxel, c.slot), axis);
+    const bool drawn_by_a_sensor = c.line && c.seen_from_m > 0.0F;
+    c.scan_line = drawn_by_a_sensor && is_scan_line(shape.line, sensor - c.searched_at, axis);
     look_on_this_side(map, sensor, c);
   }
 }
@@ -182,7 +186,10 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
             {p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, sigma2, per_sigma2)});
       }
     } else if (!plane_only) {
-      points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, point2, per_sigma2)});
+      // What was seen from far lies where that scan's bearing, and the gaps between its rays, have put it.
+      const float far = refining_ ? c.seen_from_m / kFar : 0.0F;
+      points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(),
+                  robust_weight(squared, point2, per_sigma2) / (1.0F + far * far)});
     }
   }
   sums.fit = static_cast<double>(fit);

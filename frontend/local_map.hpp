@@ -147,8 +147,11 @@ class LocalMap {
   /// Unit vector from the point to the sensor that saw it, to half a degree; zero: not known. Worth asking
   /// the memory for ahead.
   Eigen::Vector3f view(std::int32_t i, std::int32_t slot) const {
-    return views_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(slot)].cast<float>() /
-           kViewUnit;
+    return view_of(i, slot).head<3>().cast<float>() / kViewUnit;
+  }
+  /// How far from the point that sensor was [m], to half a metre and no more than 127 m; zero: not known.
+  float view_distance_m(std::int32_t i, std::int32_t slot) const {
+    return static_cast<float>(view_of(i, slot)[3]);
   }
   void prefetch_views(std::int32_t i) const {
     __builtin_prefetch(&views_[static_cast<std::size_t>(i) * capacity_]);
@@ -205,7 +208,9 @@ class LocalMap {
   static constexpr std::int32_t kPointsPerLine = 5;
   static constexpr float kNowhere = 1e15F;  // coordinate of a slot without a point: far from every query
   static constexpr float kViewUnit = 127.0F;
-  using View = Eigen::Matrix<std::int8_t, 3, 1>;
+  // From where a point was seen: the direction, of length kViewUnit, and the distance [m]; all zero: not
+  // known.
+  using View = Eigen::Matrix<std::int8_t, 4, 1>;
   // A cache line of a voxel: its first one says how many points the voxel has in all.
   struct alignas(64) Line {
     std::int32_t count = 0;
@@ -260,7 +265,10 @@ class LocalMap {
   void add_moments(std::int32_t voxel, const Eigen::Vector3f& offset);
   // The voxel of a place anywhere; made if there is none.
   std::int32_t voxel_at(const Voxel3i& coordinates);
-  static View quantised(const Eigen::Vector3d& view);
+  static View quantised(const Eigen::Vector3d& to_sensor);
+  const View& view_of(std::int32_t i, std::int32_t slot) const {
+    return views_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(slot)];
+  }
   void mark_neighbours_stale(std::int32_t voxel);
   template <class Visit>
   void for_each_voxel(const Visit& visit) const {

@@ -1,4 +1,5 @@
 // Thin things have two sides, and the map keeps them apart by the views that their points were seen from.
+#include <algorithm>
 #include <cmath>
 
 #include "frontend/local_map.hpp"
@@ -8,10 +9,13 @@ namespace hp2 {
 
 using namespace map_blocks;
 
-LocalMap::View LocalMap::quantised(const Eigen::Vector3d& view) {
-  const double length = view.norm();
+LocalMap::View LocalMap::quantised(const Eigen::Vector3d& to_sensor) {
+  const double length = to_sensor.norm();
   if (!(length > 0.0)) return View::Zero();
-  return (static_cast<double>(kViewUnit) / length * view).array().round().cast<std::int8_t>();
+  constexpr double kFarthest = 127.0;
+  Eigen::Vector4d view;
+  view << static_cast<double>(kViewUnit) / length * to_sensor, std::clamp(length, 1.0, kFarthest);
+  return view.array().round().cast<std::int8_t>();
 }
 
 NearestPoint LocalMap::nearest_on_side(const Eigen::Vector3f& query, std::int32_t index,

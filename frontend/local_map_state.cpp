@@ -18,7 +18,9 @@ void LocalMap::move(const Pose& by) {
       const VoxelPoint at = locate(by * point(i, s));
       const std::int32_t v = moved.voxel_at(at.voxel);
       if (!moved.has_room(v, at.offset)) continue;
-      moved.add_point(v, at.offset, quantised(by.rotation * view(i, s).cast<double>()));
+      View turned = quantised(by.rotation * view(i, s).cast<double>());
+      turned[3] = view_of(i, s)[3];
+      moved.add_point(v, at.offset, turned);
     }
   });
   *this = std::move(moved);
@@ -38,7 +40,7 @@ void LocalMap::save(ByteWriter& out) const {
     for (std::int32_t s = 0; s < n; ++s, to += kPoint) {
       const Eigen::Vector3f offset = point_offset(i, s);
       std::memcpy(to, offset.data(), sizeof offset);
-      const View& view = views_[static_cast<std::size_t>(i) * capacity_ + static_cast<std::size_t>(s)];
+      const View& view = view_of(i, s);
       std::memcpy(to + sizeof offset, view.data(), sizeof view);
     }
     out.put(bytes.data(), static_cast<std::size_t>(to - bytes.data()));
