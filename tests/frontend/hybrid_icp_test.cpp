@@ -126,6 +126,40 @@ TEST(HybridIcp, RefiningBeginsByItselfWhereNothingWasRegisteredBefore) {
   EXPECT_LT(r.map_from_source.translation.norm(), 0.01);
 }
 
+// Bushes, every other one of which the map has where it is not: `off` along x, and seen from `far` m away.
+double refined_among_bushes(double off, double far) {
+  Cloud right, wrong, source;
+  test::Dice dice(4);
+  for (int k = 0; k < 16; ++k) {
+    const double azimuth = 2.0 * M_PI * k / 16.0;
+    const Eigen::Vector3d bush(9.0 * std::cos(azimuth), 9.0 * std::sin(azimuth), 0.0);
+    for (int i = 0; i < 300; ++i) {
+      const Eigen::Vector3d p = bush + dice.vector(1.0);
+      source.push_back(p.cast<float>());
+      if (k % 2 == 0) {
+        right.push_back(p.cast<float>());
+      } else {
+        wrong.push_back((p + Eigen::Vector3d(off, 0.0, 0.0)).cast<float>());
+      }
+    }
+  }
+  FrontendConfig config;
+  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  map.insert(right, Pose(), Eigen::Vector3d::Zero());
+  map.insert(wrong, Pose(), Eigen::Vector3d(0.0, -far, 0.0));
+  HybridIcp registration(icp_config(config));
+  return registration.refine(map, source, Pose(), 0.3, Parallel(1)).map_from_source.translation.x();
+}
+
+TEST(HybridIcp, RefiningTrustsWhatTheMapSawFromAfarLess) {
+  constexpr double kOff = 0.1;  // [m]
+  const double near = refined_among_bushes(kOff, 10.0), far = refined_among_bushes(kOff, 100.0);
+  EXPECT_GT(near, 0.3 * kOff);
+  EXPECT_LT(near, 0.7 * kOff);
+  EXPECT_GT(far, 0.0);
+  EXPECT_LT(far, 0.5 * near);
+}
+
 TEST(ResidualScales, NarrowToWhatResidualsAreAndNeverWiden) {
   NormalEquations sums;
   sums.planar.h[0] = sums.planar.h[6] = 1.0;  // weights of 2 in all

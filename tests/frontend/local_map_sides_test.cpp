@@ -55,12 +55,26 @@ TEST(LocalMapSides, PointsRememberFromWhereTheyWereSeen) {
     const Vector3d expected = (sensor - map.point(v, 0)).normalized();
     EXPECT_GT(view.cast<double>().normalized().dot(expected), std::cos(0.01));
     EXPECT_NEAR(view.norm(), 1.0F, 0.01F);
+    EXPECT_NEAR(map.view_distance_m(v, 0), (sensor - map.point(v, 0)).norm(), 0.51);
     ++points;
   }
   EXPECT_GT(points, 100U);
   LocalMap unknown(0.8, 5, 0.1);
   unknown.insert(cloud, Pose());
-  for (const std::int32_t v : voxels_of(unknown, cloud)) EXPECT_EQ(unknown.view(v, 0), Vector3f::Zero());
+  for (const std::int32_t v : voxels_of(unknown, cloud)) {
+    EXPECT_EQ(unknown.view(v, 0), Vector3f::Zero());
+    EXPECT_EQ(unknown.view_distance_m(v, 0), 0.0F);
+  }
+}
+
+TEST(LocalMapSides, DistancesOfViewsStayWithinWhatIsKept) {
+  LocalMap map(0.8, 5, 0.1);
+  const Cloud points = {{0.1F, 0.0F, 0.0F}, {300.0F, 0.0F, 0.0F}};
+  map.insert(points, Pose(), Vector3d::Zero());
+  const std::vector<std::int32_t> voxels = voxels_of(map, points);
+  ASSERT_EQ(voxels.size(), 2U);
+  EXPECT_EQ(map.view_distance_m(voxels[0], 0), 1.0F);  // known, if near
+  EXPECT_EQ(map.view_distance_m(voxels[1], 0), 127.0F);
 }
 
 TEST(LocalMapSides, OnlyAViewFromAcrossIsAnotherSide) {
@@ -123,6 +137,7 @@ TEST(LocalMapSides, ViewsTurnWithTheMap) {
   const NearestPoint n = map.nearest(map.locate(Vector3d(3.0, 10.0, 0.0)));
   ASSERT_GE(n.voxel, 0);
   EXPECT_LT((map.view(n.voxel, n.slot) - Vector3f(0, -1, 0)).norm(), 0.15F);
+  EXPECT_EQ(map.view_distance_m(n.voxel, n.slot), 10.0F);
 }
 
 TEST(LocalMapSides, SaveAndLoadKeepTheViews) {
@@ -142,6 +157,7 @@ TEST(LocalMapSides, SaveAndLoadKeepTheViews) {
   const NearestPoint n = copy.nearest(copy.locate(Vector3d(10.0, 0.9, 0.0)));
   ASSERT_GE(n.voxel, 0);
   EXPECT_LT((copy.view(n.voxel, n.slot) - Vector3f(-1, 0, 0)).norm(), 0.15F);
+  EXPECT_EQ(copy.view_distance_m(n.voxel, n.slot), 10.0F);
 }
 
 // Boards on both sides of the way: those ahead show the face that the map knows, those passed their backs.
