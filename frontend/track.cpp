@@ -23,6 +23,8 @@ constexpr double kDegenerate = 0.03;
 // So much larger is the covariance (a factor) while the start's speed may be a wrong one that fits as well:
 // from three Avia bridges.
 constexpr double kDoubtfulSpeed = 9.0;
+// An interval so much longer than the one before has scans missing in it.
+constexpr double kDropped = 1.5;
 
 }  // namespace
 
@@ -95,6 +97,7 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
 
   Pose pose = predicted;
   const double stretch = motion_.stretch(o.utime);
+  const bool behind_dropped = motion_.interval_ratio(o.utime) > kDropped;
   const double prediction_error = scale_.sigma_m(stretch);
   const double sigma = std::min(prediction_error, config_.max_sigma_m);
   o.diagnostics.sigma = static_cast<float>(sigma);
@@ -193,7 +196,13 @@ FrontendOutput Track::process(const StampedCloud& scan, const Parallel& parallel
   entry.state = o.state;
   entry.diagnostics = o.diagnostics;
   const double submap_length = keep_open ? std::numeric_limits<double>::infinity() : submap_length_m();
-  map_.find_candidates(points_, pose, parallel, pose.translation);
+  // Behind dropped scans the motion within the sweep, and with it where deskewing puts the points, is half a
+  // guess: that does not enter the map.
+  static const std::vector<Eigen::Vector3f> kNone;
+  const bool guessed = behind_dropped && registered && !keep_open && !scan.cloud.time.empty() &&
+                       icp_.config().mode == IcpMode::kRobust;
+  if (guessed) turned_.clear();
+  map_.find_candidates(guessed ? kNone : points_, pose, parallel, pose.translation);
   builder_.find_new(source_, pose, parallel);
   parallel.for_blocks(2, 1, [&](std::size_t block, std::size_t, std::size_t) {
     if (block == 0) {
