@@ -170,8 +170,6 @@ class HybridIcp {
   void search(const LocalMap& map, const Selection& source, const Pose& local_from_source, Part& part);
   static const Planarity& shape_of(const LocalMap& map, std::int32_t voxel, Part& part);
   void classify(const LocalMap& map, const Pose& local_from_source, Part& part);
-  static bool is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& to_sensor,
-                           const Eigen::Vector3f& sensor_axis);
   void look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor, Correspondence& c) const;
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
   double support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,

@@ -24,6 +24,17 @@ constexpr float kFit2 = 0.5F * 0.5F;  // [m^2], scale of IcpResult::fit
 constexpr float kEmptyMove = 0.2F;    // of a voxel
 constexpr float kFar = 50.0F;         // [m]: seen from there, a non-planar point weighs half when refining
 
+// A line's normal is one of many. Where a sensor draws single lines, a ring on the ground ahead, it may well
+// lie flat, and would then hold the sensor to its own pattern, which moves with it. What lies at one
+// elevation for the sensor is such a line, or cannot be told from one.
+bool is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& to_sensor,
+                  const Eigen::Vector3f& sensor_axis) {
+  constexpr float kLevel = 0.3F;  // sine of the angle to the line of one elevation
+  const Eigen::Vector3f view = to_sensor.normalized();
+  const Eigen::Vector3f upwards = sensor_axis - sensor_axis.dot(view) * view;  // across the view
+  return std::abs(line.dot(upwards)) < kLevel * upwards.norm();
+}
+
 }  // namespace
 
 void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose& local_from_source,
@@ -99,17 +110,6 @@ void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& se
   if (c.hidden) return;
   c.target = corner + other.offset;
   c.other_distance = 0.0F;  // does not stand when the point moves
-}
-
-// A line's normal is one of many. Where a sensor draws single lines, a ring on the ground ahead, it may well
-// lie flat, and would then hold the sensor to its own pattern, which moves with it. What lies at one
-// elevation for the sensor is such a line, or cannot be told from one.
-bool HybridIcp::is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& to_sensor,
-                             const Eigen::Vector3f& sensor_axis) {
-  constexpr float kLevel = 0.3F;  // sine of the angle to the line of one elevation
-  const Eigen::Vector3f view = to_sensor.normalized();
-  const Eigen::Vector3f upwards = sensor_axis - sensor_axis.dot(view) * view;  // across the view
-  return std::abs(line.dot(upwards)) < kLevel * upwards.norm();
 }
 
 void HybridIcp::turned_points(const IcpResult& result,

@@ -23,29 +23,6 @@
 
 namespace hp2 {
 
-using Voxel3i = Eigen::Vector3i;
-
-/// Integer voxel of a coordinate and the rest [m] above the voxel's corner, exact for maps of any extent.
-struct VoxelPoint {
-  Voxel3i voxel;
-  Eigen::Vector3f offset;  ///< In [0, voxel size).
-};
-
-/// The voxel of a point given from the corner of voxel `origin` [m], in floats: exact to their digits within
-/// some hundred metres of it.
-inline VoxelPoint locate_near(const Eigen::Vector3f& p, const Voxel3i& origin, float edge,
-                              float inverse_edge) {
-  VoxelPoint at;
-  for (int a = 0; a < 3; ++a) {
-    const float scaled = p[a] * inverse_edge;
-    const auto truncated = static_cast<int>(scaled);
-    const int v = truncated - (scaled < static_cast<float>(truncated) ? 1 : 0);
-    at.voxel[a] = v + origin[a];
-    at.offset[a] = p[a] - static_cast<float>(v) * edge;
-  }
-  return at;
-}
-
 /// Nearest map point of a query.
 struct NearestPoint {
   std::int32_t voxel = -1;  ///< Index of the voxel that holds it; -1: none in the 27 voxels.

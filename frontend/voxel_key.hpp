@@ -1,4 +1,4 @@
-// Voxel coordinates as one 64-bit number, and the hash for it.
+// Voxel coordinates: of a point, and as one 64-bit number with the hash for it.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -11,6 +11,27 @@ namespace hp2 {
 inline int floor_to_int(float x) {
   const auto truncated = static_cast<int>(x);
   return truncated - (x < static_cast<float>(truncated) ? 1 : 0);
+}
+
+using Voxel3i = Eigen::Vector3i;
+
+/// Integer voxel of a coordinate and the rest [m] above the voxel's corner, exact for maps of any extent.
+struct VoxelPoint {
+  Voxel3i voxel;
+  Eigen::Vector3f offset;  ///< In [0, voxel size).
+};
+
+/// The voxel of a point given from the corner of voxel `origin` [m], in floats: exact to their digits within
+/// some hundred metres of it.
+inline VoxelPoint locate_near(const Eigen::Vector3f& p, const Voxel3i& origin, float edge,
+                              float inverse_edge) {
+  VoxelPoint at;
+  for (int a = 0; a < 3; ++a) {
+    const int v = floor_to_int(p[a] * inverse_edge);
+    at.voxel[a] = v + origin[a];
+    at.offset[a] = p[a] - static_cast<float>(v) * edge;
+  }
+  return at;
 }
 
 /// Packs three coordinates in [-2^20, 2^20) into one number; farther ones wrap around.
