@@ -38,7 +38,9 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("tau_max", c.tau_max, "Upper bound of tau(n)", 0.0, 1.0);
   s.add("n_min", c.n_min, "Fewest points of a neighbourhood that can be planar", 3, 1000);
   s.add("max_iterations", c.max_iterations, "Most Gauss-Newton iterations a scan", 1, 1000);
-  s.add("convergence_m", c.convergence_m, "A step shorter than this [m, rad] ends the iterations", 1e-9, 1.0);
+  s.add("convergence_m", c.convergence_m,
+        "A step shorter than this [m, rad], in mode point_to_point than a third of it, ends the iterations",
+        1e-9, 1.0);
   s.add("weak_direction_ratio", c.weak_direction_ratio,
         "Mode robust: directions whose eigenvalue is below this share of the largest are supported", 0.0,
         1.0);

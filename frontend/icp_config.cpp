@@ -32,7 +32,10 @@ IcpConfig icp_config(const FrontendConfig& c) {
   icp.tau_max = c.tau_max;
   icp.n_min = c.n_min;
   icp.max_iterations = c.max_iterations;
-  icp.convergence_m = c.convergence_m;
+  // Point-to-point creeps: each step is most of the one before, and what is left when they are 3 mm long can
+  // be centimetres, towards the prediction.
+  constexpr double kCreeps = 3.0;
+  icp.convergence_m = c.convergence_m / (icp.mode == IcpMode::kPointToPoint ? kCreeps : 1.0);
   icp.in_plane_weight = c.in_plane_weight;
   icp.weak_direction_ratio = c.weak_direction_ratio;
   icp.coarse_step_m = c.coarse_step_m;

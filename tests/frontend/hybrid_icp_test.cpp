@@ -75,6 +75,31 @@ TEST(HybridIcp, FewerIterationsThanAcceleratedOnesStayFewer) {
   EXPECT_EQ(slide(source, 1.1, true, 4).result.iterations, 4);
 }
 
+// Where point-to-point ends from guesses `off` [m] ahead and behind, the one less the other.
+double left_of_the_guess(double off, double times_convergence) {
+  FrontendConfig config;
+  config.mode = "point_to_point";
+  IcpConfig icp = icp_config(config);
+  icp.convergence_m *= times_convergence;
+  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  const Parallel parallel(1);
+  map.insert(test::room(1), Pose());
+  HybridIcp registration(icp);
+  const Cloud source = test::room(2, 1500);
+  const auto end = [&](double x) {
+    const Pose guess(Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, 0.0, 0.0));
+    return registration.align(map, source, guess, 0.5, parallel).map_from_source.translation.x();
+  };
+  return end(off) - end(-off);
+}
+
+TEST(HybridIcp, PointToPointDoesNotStopOnTheWay) {
+  for (const double off : {0.03, 0.1, 0.3}) {
+    EXPECT_LT(left_of_the_guess(off, 1.0), 0.007) << off;
+    EXPECT_GT(left_of_the_guess(off, 3.0), 0.01) << off;  // what it is about: planes end their steps sooner
+  }
+}
+
 // What registration says of `source`, whose true pose is the identity, and what is left after refining it.
 struct Refined {
   IcpResult wide, narrow;
