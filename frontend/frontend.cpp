@@ -39,14 +39,17 @@ class Frontend::Impl {
  private:
   bool usable_times(const Scan& scan);
   void follow_start(bool was_at_start, FrontendOutput& out);
-  void take_up(FoundStart found, FrontendOutput& out);
+  void take_up(FoundStart found);
+  bool smooth_start();
+  // After a loss the start's first scan is the last of the submap before.
+  bool first_is_cut() const { return track_.builder().open_scans().size() < start_results_.size(); }
 
   FrontendConfig config_;
   Parallel parallel_;
   Preprocessor preprocessor_;
   Track track_;
   StartSearch start_;
-  OdometryResult first_result_;  // of the scan that the search began with
+  std::vector<OdometryResult> start_results_;  // of the scans that it is about
   Remarks remarks_;
   StampedCloud scan_;  // kept from scan to scan for its memory
 };
@@ -103,15 +106,24 @@ void Frontend::Impl::follow_start(bool was_at_start, FrontendOutput& out) {
   if (config_.mode != "robust") return;
   if (track_.at_start() && !was_at_start) {
     start_.begin(track_);
-    first_result_ = out.odometry;
+    start_results_.assign(1, out.odometry);
     return;
   }
   if (out.finished_submap) start_.end();
-  if (!start_.open() || !start_.add(scan_, out.odometry.state, track_)) return;
+  if (!start_.open()) return;
+  start_results_.push_back(out.odometry);
+  if (!start_.add(scan_, out.odometry.state, track_)) return;
   Stopwatch clock;
   auto found = start_.find(track_, parallel_);
+  const bool another = found.has_value();
+  if (found) take_up(std::move(*found));
+  const bool smoother = smooth_start();
   start_.end();
-  if (found) take_up(std::move(*found), out);
+  out.odometry = start_results_.back();
+  if (first_is_cut()) start_results_.erase(start_results_.begin());
+  start_results_.pop_back();
+  if (another || smoother) out.revised = std::move(start_results_);
+  start_results_.clear();
   const float ms = clock.lap_ms();
   for (auto* d : {&out.odometry.diagnostics, &track_.builder().last_scan().diagnostics}) {
     d->ms[1] += ms;
@@ -120,27 +132,40 @@ void Frontend::Impl::follow_start(bool was_at_start, FrontendOutput& out) {
 }
 
 // Goes on with another track through the same scans.
-void Frontend::Impl::take_up(FoundStart found, FrontendOutput& out) {
+void Frontend::Impl::take_up(FoundStart found) {
+  // What the scans took was measured when they came.
+  for (std::size_t i = 0; i < found.results.size(); ++i) {
+    OdometryResult& result = start_results_[i + 1];
+    found.results[i].diagnostics.ms = result.diagnostics.ms;
+    result = found.results[i];
+  }
   auto& scans = found.track.builder().open_scans();
   const auto& said = track_.builder().open_scans();
-  // What the scans took was measured when they came.
   for (std::size_t i = 0; i < scans.size(); ++i) scans[i].diagnostics.ms = said[i].diagnostics.ms;
-  const std::size_t before = scans.size() - found.results.size();
-  for (std::size_t i = 0; i < found.results.size(); ++i)
-    found.results[i].diagnostics.ms = scans[before + i].diagnostics.ms;
-  if (found.moved) {
-    OdometryResult first = first_result_;
-    first.odom_from_sensor = found.track.builder().odom_from_submap();
-    out.revised.push_back(first);
-  }
-  out.odometry = found.results.back();
-  found.results.pop_back();
-  out.revised.insert(out.revised.end(), found.results.begin(), found.results.end());
+  if (found.moved) start_results_.front().odom_from_sensor = found.track.builder().odom_from_submap();
   track_ = std::move(found.track);
   remarks_.add(
       "the sensor was moving when the first scan was taken, and how fast shows only now: the way since then "
       "has "
       "been estimated anew");
+}
+
+bool Frontend::Impl::smooth_start() {
+  std::vector<Pose> poses;
+  for (const OdometryResult& r : start_results_) poses.push_back(r.odom_from_sensor);
+  poses = start_.smoothed(poses, parallel_);
+  if (poses.empty()) return false;
+  SubmapBuilder& builder = track_.builder();
+  const Pose submap_from_odom = builder.odom_from_submap().inverse();
+  std::vector<ScanPose>& scans = builder.open_scans();
+  // But for the last: the present does not jump.
+  for (std::size_t i = first_is_cut() ? 1 : 0; i + 1 < poses.size(); ++i) {
+    OdometryResult& result = start_results_[i];
+    result.odom_from_sensor = poses[i];
+    result.submap_from_sensor = submap_from_odom * poses[i];
+    scans[scans.size() - poses.size() + i].submap_from_sensor = result.submap_from_sensor;
+  }
+  return true;
 }
 
 std::vector<std::uint8_t> Frontend::Impl::save_state() const {
@@ -166,7 +191,10 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
   track_.load(in);
   if (in.left() != 0) in.fail("bytes are left over at its end");
   start_.end();
-  if (track_.at_start() && config_.mode == "robust") start_.begin(track_);
+  if (!track_.at_start() || config_.mode != "robust") return;
+  start_.begin(track_);
+  start_results_.assign(1, {});  // which is told already
+  start_results_.front().odom_from_sensor = track_.last_pose();
 }
 
 Frontend::Frontend(const FrontendConfig& config, int threads)

@@ -7,6 +7,8 @@
 
 #include <Eigen/Eigenvalues>
 
+#include "frontend/start_smoothing.hpp"
+
 namespace hp2 {
 namespace {
 
@@ -61,11 +63,14 @@ void StartSearch::Way::add(const Track& track, TrackingState state) {
 void StartSearch::begin(const Track& followed) {
   end();
   base_ = followed;
-  scans_.emplace_back().utime = followed.last_utime();
+  StampedCloud& first = scans_.emplace_back();
+  first.cloud = followed.first_cloud();
+  first.utime = followed.last_utime();
   followed_.add(followed, TrackingState::kTracking);
 }
 
 bool StartSearch::add(const StampedCloud& scan, TrackingState state, const Track& followed) {
+  if (scans_.size() == 1) scans_.front().duration_us = scan.duration_us;
   scans_.push_back(scan);
   followed_.add(followed, state);
   return scans_.size() >= kScans;
@@ -196,16 +201,25 @@ std::vector<StartSearch::Candidate> StartSearch::screen(const Parallel& parallel
   return kept;
 }
 
-// Where most scans tell the motion in all directions the first ones did, too.
-bool StartSearch::doubtful() const {
+bool StartSearch::even_times() const {
   const double usual = usual_interval();
   if (!(usual > 0.0)) return false;
   for (const double dt : stamped()) {
     const double n = std::round(dt / usual);
     if (!(n >= 1.0 && n <= kMostIntervals && std::abs(dt / usual - n) <= kJitter)) return false;
   }
+  return true;
+}
+
+// Where most scans tell the motion in all directions the first ones did, too.
+bool StartSearch::doubtful() const {
   const auto& ratios = followed_.eigenvalue_ratios;
-  return ratios.size() >= kLeastRegistered && median(ratios) < kDoubtful;
+  return even_times() && ratios.size() >= kLeastRegistered && median(ratios) < kDoubtful;
+}
+
+std::vector<Pose> StartSearch::smoothed(const std::vector<Pose>& poses, const Parallel& parallel) const {
+  if (!even_times()) return {};
+  return smoothed_start(base_->config(), scans_, poses, parallel);
 }
 
 std::optional<FoundStart> StartSearch::find(const Track& followed, const Parallel& parallel) const {

@@ -16,7 +16,7 @@ namespace hp2 {
 struct FoundStart {
   Track track;
   std::vector<OdometryResult> results;  ///< What it says of each of them but the first.
-  bool moved = false;                   ///< The first one is elsewhere now: track.builder().odom_from_submap().
+  bool moved = false;  ///< The first one is elsewhere now: track.builder().odom_from_submap().
 };
 
 /// The first scans of a start, and the search for another way through them.
@@ -27,14 +27,18 @@ class StartSearch {
   void end() { base_.reset(), scans_.clear(), followed_ = {}; }
   /// True from begin() to end().
   bool open() const { return base_.has_value(); }
-  /// Another scan, which `followed` has just been given with this outcome. @return true if there are enough now
+  /// Another scan, which `followed` has just been given with this outcome. @return true if there are enough
+  /// now
   bool add(const StampedCloud& scan, TrackingState state, const Track& followed);
 
   /// The track that explains the scans clearly better than the one followed, if there is one: it has been
   /// given all of them. At the start of a session its odometry ends at `followed.last_pose()`: the past is
-  /// corrected, not the present. (After a loss the first pose stays, which was a guess, and the present moves.)
-  /// Takes 0.3 to 2.5 s on two threads where the speed is doubtful, no time where it is not.
+  /// corrected, not the present. (After a loss the first pose stays, which was a guess, and the present
+  /// moves.) Takes 0.3 to 2.5 s on two threads where the speed is doubtful, no time where it is not.
   std::optional<FoundStart> find(const Track& followed, const Parallel& parallel) const;
+  /// smoothed_start() of the scans; empty where they do not come at even times.
+  /// @param poses what is known of them by now
+  std::vector<Pose> smoothed(const std::vector<Pose>& poses, const Parallel& parallel) const;
 
  private:
   // How a track went through the scans.
@@ -63,6 +67,7 @@ class StartSearch {
   double score(const Way& way) const;
   double score(const Candidate& candidate) const;
   static double apart(const Way& a, const Way& b);
+  bool even_times() const;
   bool doubtful() const;
   Eigen::Vector3d weak_direction() const;
   Vector6d better_velocity(const Way& way) const;
@@ -70,7 +75,7 @@ class StartSearch {
   std::vector<Candidate> screen(const Parallel& parallel) const;
 
   std::optional<Track> base_;
-  std::vector<StampedCloud> scans_;  // the first one's points are in base_
+  std::vector<StampedCloud> scans_;
   Way followed_;
 };
 

@@ -65,6 +65,8 @@ class Track {
 
   /// True between a first scan, of the session or after a loss, and the second: the speed is unknown.
   bool at_start() const { return !first_cloud_.points.empty(); }
+  /// At a start: the first scan, not deskewed.
+  const PreprocessedScan& first_cloud() const { return first_cloud_; }
   /// At a start: the sensor moved at `velocity` [twist / us] in the first scan, in sweeps of `duration_us`.
   void start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel);
   /// Iterations of a registration at most, from now on, if the configuration does not allow fewer.
@@ -76,6 +78,7 @@ class Track {
   /// Moves the whole way, the open submap and the map.
   void move(const Pose& by);
 
+  const FrontendConfig& config() const { return config_; }
   std::int64_t last_utime() const { return motion_.last_utime(); }
   const Pose& last_pose() const { return motion_.last_pose(); }
   const SubmapBuilder& builder() const { return builder_; }

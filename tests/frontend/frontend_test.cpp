@@ -98,6 +98,11 @@ TEST(Frontend, EveryScanIsInExactlyOneSubmap) {
     if (i == 11 || i == 12) continue;  // two scans never arrive
     FrontendOutput o = frontend.process(tiny_drive().scans[i]);
     EXPECT_EQ(o.odometry.n_skipped, i == 13 ? 2 : 0);
+    for (const OdometryResult& r : o.revised) {
+      for (OdometryResult& before : results) {
+        if (before.sequence == r.sequence) before = r;
+      }
+    }
     results.push_back(o.odometry);
     if (o.finished_submap) submaps.push_back(std::move(*o.finished_submap));
   }
