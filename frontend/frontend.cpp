@@ -155,15 +155,14 @@ bool Frontend::Impl::smooth_start() {
   for (const OdometryResult& r : start_results_) poses.push_back(r.odom_from_sensor);
   poses = start_.smoothed(poses, parallel_);
   if (poses.empty()) return false;
+  poses.back() = start_results_.back().odom_from_sensor;  // to the last bit: the present does not jump
+  if (first_is_cut()) poses.front() = start_results_.front().odom_from_sensor;
   SubmapBuilder& builder = track_.builder();
+  builder.move_last_scans({poses.begin() + (first_is_cut() ? 1 : 0), poses.end()});
   const Pose submap_from_odom = builder.odom_from_submap().inverse();
-  std::vector<ScanPose>& scans = builder.open_scans();
-  // But for the last: the present does not jump.
-  for (std::size_t i = first_is_cut() ? 1 : 0; i + 1 < poses.size(); ++i) {
-    OdometryResult& result = start_results_[i];
-    result.odom_from_sensor = poses[i];
-    result.submap_from_sensor = submap_from_odom * poses[i];
-    scans[scans.size() - poses.size() + i].submap_from_sensor = result.submap_from_sensor;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    start_results_[i].odom_from_sensor = poses[i];
+    start_results_[i].submap_from_sensor = submap_from_odom * poses[i];
   }
   return true;
 }

@@ -12,6 +12,10 @@ namespace {
 // there would be one a scan otherwise.
 constexpr std::size_t kWorthASubmap = 10;
 
+std::uint64_t key_of(const Eigen::Vector3f& p, float inverse_voxel) {
+  return voxel_key((p * inverse_voxel).array().floor().cast<int>());
+}
+
 }  // namespace
 
 SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
@@ -30,8 +34,7 @@ void SubmapBuilder::find_new(const std::vector<Eigen::Vector3f>& points, const P
     found.clear();
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector3f p = r * points[i] + t;
-      const Eigen::Vector3i voxel = (p * inverse_voxel).array().floor().cast<int>();
-      const std::uint64_t key = voxel_key(voxel);
+      const std::uint64_t key = key_of(p, inverse_voxel);
       if (voxels_.count(key) == 0) found.push_back({p, key});
     }
   });
@@ -63,6 +66,26 @@ std::optional<Submap> SubmapBuilder::add_new(const Pose& odom_from_sensor, ScanP
   const bool lost_part = cut_at_loss && lost_here && submap_.scans.size() > kWorthASubmap;
   if (submap_.travelled_m < length_m && !lost_part) return std::nullopt;
   return cut();
+}
+
+void SubmapBuilder::move_last_scans(const std::vector<Pose>& odom_from_sensor) {
+  const std::size_t first = submap_.scans.size() - odom_from_sensor.size();
+  const Pose odom_from_submap = submap_.odom_from_submap;
+  if (first == 0 && submap_.id == 0) submap_.odom_from_submap = odom_from_sensor.front();
+  const Pose submap_from_odom = submap_.odom_from_submap.inverse();
+  std::vector<Pose> moves;  // of points, scan by scan, from where the submap had them
+  for (std::size_t i = 0; i < submap_.scans.size(); ++i) {
+    Pose& pose = submap_.scans[i].submap_from_sensor;
+    const Pose moved = submap_from_odom * (i < first ? odom_from_submap * pose : odom_from_sensor[i - first]);
+    moves.push_back(moved * pose.inverse());
+    pose = moved;
+  }
+  voxels_.clear();
+  for (std::size_t k = 0; k < submap_.points.size(); ++k) {
+    Eigen::Vector3f& p = submap_.points[k];
+    p = (moves[static_cast<std::size_t>(submap_.scan_indices[k])] * p.cast<double>()).cast<float>();
+    voxels_.insert(key_of(p, static_cast<float>(inverse_voxel_)));
+  }
 }
 
 std::optional<Submap> SubmapBuilder::finish() {

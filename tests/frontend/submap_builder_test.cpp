@@ -23,6 +23,8 @@ struct Drive {
 
 constexpr double kLength = 5.0, kVoxel = 0.5;
 
+Pose ahead(double x) { return {Eigen::Quaterniond::Identity(), {x, 0, 0}}; }
+
 // 60 scans along a bend, 0.4 m apart; every seventh scan of the stream is missing.
 Drive drive(SubmapBuilder& builder) {
   Dice dice(1);
@@ -43,6 +45,52 @@ Drive drive(SubmapBuilder& builder) {
   }
   if (auto done = builder.finish()) out.submaps.push_back(std::move(*done));
   return out;
+}
+
+TEST(SubmapBuilder, ScansThatAreMovedTakeTheirPointsAlong) {
+  SubmapBuilder builder(kVoxel), right(kVoxel);
+  Dice dice(2);
+  std::vector<Pose> truth;
+  const Pose elsewhere(so3_exp({0, 0, 0.3}), {5.0, -2.0, 1.0});
+  for (int i = 0; i < 6; ++i) {
+    const Pose pose = elsewhere * Pose(so3_exp({0, 0, 0.1 * i}), {0.5 * i, 0, 0});
+    const double wrong_m = i < 3 ? 2.0 - i : 0.0;
+    truth.push_back(pose);
+    const Cloud cloud{dice.vector(100.0).cast<float>(), dice.vector(100.0).cast<float>()};
+    ScanPose scan;
+    scan.sequence = i;
+    ASSERT_FALSE(builder.add(cloud, pose * ahead(wrong_m), scan, 0, 100.0).has_value());
+    ASSERT_FALSE(right.add(cloud, pose, scan, 0, 100.0).has_value());
+  }
+  builder.move_last_scans(truth);
+  right.move_last_scans(truth);  // which begins at the first scan then
+  EXPECT_LT((builder.odom_from_submap().translation - truth[0].translation).norm(), 1e-9);
+  const Submap moved = *builder.finish(), expected = *right.finish();
+  EXPECT_LT(moved.scans[0].submap_from_sensor.translation.norm(), 1e-9);
+  ASSERT_EQ(moved.points.size(), std::size_t{12});
+  for (std::size_t k = 0; k < moved.points.size(); ++k) {
+    const auto& scan = moved.scans[static_cast<std::size_t>(moved.scan_indices[k])];
+    const Pose seen = moved.odom_from_submap * scan.submap_from_sensor;
+    EXPECT_LT((seen.translation - truth[static_cast<std::size_t>(scan.sequence)].translation).norm(), 1e-9);
+    EXPECT_LT((moved.points[k] - expected.points[k]).norm(), 1e-4F);
+  }
+}
+
+TEST(SubmapBuilder, ScansBeforeThoseThatAreMovedStayWithTheirSubmap) {
+  SubmapBuilder builder(kVoxel);
+  Dice dice(2);
+  for (int i = 0; i < 4; ++i) {
+    ScanPose scan;
+    builder.add({dice.vector(50.0).cast<float>()}, ahead(1.0 * i), scan, 0, 100.0);
+  }
+  SubmapBuilder untouched = builder;
+  builder.move_last_scans({ahead(2.5), ahead(3.0)});
+  const Submap before = *untouched.finish(), after = *builder.finish();
+  EXPECT_EQ(after.odom_from_submap.translation.norm(), 0.0);
+  EXPECT_NEAR(after.scans[1].submap_from_sensor.translation.x(), 1.0, 1e-12);
+  EXPECT_NEAR(after.scans[2].submap_from_sensor.translation.x(), 2.5, 1e-12);
+  EXPECT_LT((after.points[0] - before.points[0]).norm(), 1e-5F);
+  EXPECT_LT((after.points[2] - before.points[2] - Eigen::Vector3f(0.5F, 0, 0)).norm(), 1e-5F);
 }
 
 TEST(SubmapBuilder, CutsAtItsLengthAndLosesNothing) {
