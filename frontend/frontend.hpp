@@ -34,8 +34,8 @@ struct FrontendOutput {
   OdometryResult odometry;
   /// The submap that this scan finished (the scan is its last), if it did.
   std::optional<Submap> finished_submap;
-  /// Earlier scans of the open submap of which something else was said: at a start at unknown speed the true way
-  /// may show only after a second or two.
+  /// Earlier scans of the open submap of which something else was said: how a start began shows only after a
+  /// second or two.
   std::vector<OdometryResult> revised;
 };
 
