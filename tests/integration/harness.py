@@ -165,7 +165,7 @@ class Odometry(threading.Thread):
     def __init__(self, port=7667):
         super().__init__(daemon=True)
         self.sequence = -1
-        self.count = 0
+        self.scans = set()  # a start's first ones are said again
         self.senders = set()
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -185,7 +185,7 @@ class Odometry(threading.Thread):
             data = datagram[8 + len(b"HP2_ODOMETRY\0"):]
             self.senders.add(struct.unpack_from(">q", data, 24)[0])
             self.sequence = struct.unpack_from(">q", data, 40)[0]
-            self.count += 1
+            self.scans.add(self.sequence)
 
     def wait_for(self, sequence, seconds, alive=None):
         """Waits until this scan is registered, or `alive` is no longer running; returns whether it was."""
