@@ -1,5 +1,6 @@
 #include "frontend/start_smoothing.hpp"
 
+#include <algorithm>
 #include <cstdint>
 
 namespace hp2 {
@@ -12,7 +13,7 @@ constexpr double kApart = 0.5;      // [m], RMS of the two ways' distance: more,
 StampedCloud reversed(const StampedCloud& scan, std::int64_t mirror_utime) {
   StampedCloud out = scan;
   for (float& t : out.cloud.time) t = 1.0F - t;
-  out.utime = mirror_utime - (scan.cloud.time.empty() ? scan.utime : scan.utime - scan.duration_us);
+  out.utime = mirror_utime - (scan.utime - scan.duration_us);
   return out;
 }
 
@@ -47,10 +48,9 @@ std::vector<Pose> way_back(const FrontendConfig& config, const std::vector<Stamp
     if (track.process(scan, parallel, ignored, false).odometry.state == TrackingState::kLost) return {};
     out[i] = track.last_pose();
   }
-  // These are where the sweeps begin, if they take time at all.
+  // These are where the sweeps begin.
   const std::vector<Pose> begins = out;
   for (std::size_t i = 0; i < n; ++i) {
-    if (scans[i].cloud.time.empty()) continue;
     const std::size_t a = std::min(i, n - 2);
     const double share = static_cast<double>(scans[i].duration_us) / interval(scans[a], scans[a + 1]);
     out[i] = begins[i] * se3_exp(share * se3_log(begins[a].inverse() * begins[a + 1]));
@@ -64,8 +64,8 @@ std::vector<Pose> smoothed_start(const FrontendConfig& config, const std::vector
                                  const std::vector<Pose>& poses, const Parallel& parallel) {
   const std::size_t n = scans.size();
   if (n < kFewest || poses.size() != n) return {};
-  for (std::size_t i = 1; i < n; ++i) {
-    if (!(interval(scans[i - 1], scans[i]) > 0.0)) return {};
+  for (std::size_t i = 0; i < n; ++i) {
+    if (scans[i].cloud.time.empty() || (i > 0 && !(interval(scans[i - 1], scans[i]) > 0.0))) return {};
   }
   const std::vector<Pose> back = way_back(config, scans, last_velocity(scans, poses), parallel);
   if (back.empty()) return {};

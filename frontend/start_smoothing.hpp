@@ -12,7 +12,8 @@ namespace hp2 {
 /// @param scans a start's first ones, in order of time
 /// @param poses odom_from_sensor at their ends, by the track that was followed
 /// @return what these are with the way back taken in: the last one as it was, the first one by the way back
-///         alone. Empty where the way back tells nothing: a scan has no points, or it leads elsewhere.
+///         alone. Empty where the way back tells nothing: a scan has no points or no times in the sweep
+///         (nobody has deskewed it, or somebody who knew the motion), or it leads elsewhere.
 std::vector<Pose> smoothed_start(const FrontendConfig& config, const std::vector<StampedCloud>& scans,
                                  const std::vector<Pose>& poses, const Parallel& parallel);
 
