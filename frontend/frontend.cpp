@@ -41,7 +41,7 @@ class Frontend::Impl {
   void follow_start(bool was_at_start, FrontendOutput& out);
   void take_up(FoundStart found);
   bool smooth_start();
-  // After a loss the start's first scan is the last of the submap before.
+  // The start's first scan is the last of the submap before: after a loss.
   bool first_is_cut() const { return track_.builder().open_scans().size() < start_results_.size(); }
 
   FrontendConfig config_;
@@ -150,15 +150,16 @@ void Frontend::Impl::take_up(FoundStart found) {
       "been estimated anew");
 }
 
+// At the start of the session only: after a loss the first pose is the last one of a submap that is stored.
 bool Frontend::Impl::smooth_start() {
+  SubmapBuilder& builder = track_.builder();
+  if (builder.id() != 0 || builder.open_scans().size() != start_results_.size()) return false;
   std::vector<Pose> poses;
   for (const OdometryResult& r : start_results_) poses.push_back(r.odom_from_sensor);
   poses = start_.smoothed(poses, parallel_);
   if (poses.empty()) return false;
   poses.back() = start_results_.back().odom_from_sensor;  // to the last bit: the present does not jump
-  if (first_is_cut()) poses.front() = start_results_.front().odom_from_sensor;
-  SubmapBuilder& builder = track_.builder();
-  builder.move_last_scans({poses.begin() + (first_is_cut() ? 1 : 0), poses.end()});
+  builder.move_scans(poses);
   const Pose submap_from_odom = builder.odom_from_submap().inverse();
   for (std::size_t i = 0; i < poses.size(); ++i) {
     start_results_[i].odom_from_sensor = poses[i];

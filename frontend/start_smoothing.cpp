@@ -7,7 +7,9 @@ namespace hp2 {
 namespace {
 
 constexpr std::size_t kFewest = 8;  // scans
-constexpr double kApart = 0.5;      // [m], RMS of the two ways' distance: more, and one of them is wrong
+// Farther than this no start begins from where it was thought to [m, rad].
+constexpr double kMost = 5.0, kMostTurn = 0.5;
+constexpr double kApart = 0.5;  // [m], RMS of the two ways' distance: more, and one of them is wrong
 
 // As if time ran backwards: the sweep begins where it has ended.
 StampedCloud reversed(const StampedCloud& scan, std::int64_t mirror_utime) {
@@ -86,7 +88,9 @@ std::vector<Pose> smoothed_start(const FrontendConfig& config, const std::vector
   std::vector<Pose> out;
   for (std::size_t i = 0; i < n; ++i) {
     const double weight = static_cast<double>(n - 1 - i) / static_cast<double>(n - 1);
-    out.push_back(poses[i] * se3_exp(weight * se3_log(poses[i].inverse() * odom_from_back * back[i])));
+    const Vector6d move = se3_log(poses[i].inverse() * odom_from_back * back[i]);
+    if (!(move.head<3>().norm() < kMost && move.tail<3>().norm() < kMostTurn)) return {};
+    out.push_back(poses[i] * se3_exp(weight * move));
   }
   return out;
 }

@@ -12,8 +12,9 @@ namespace hp2 {
 /// @param scans a start's first ones, in order of time
 /// @param poses odom_from_sensor at their ends, by the track that was followed
 /// @return what these are with the way back taken in: the last one as it was, the first one by the way back
-///         alone. Empty where the way back tells nothing: a scan has no points or no times in the sweep
-///         (nobody has deskewed it, or somebody who knew the motion), or it leads elsewhere.
+///         alone. Empty where the way back tells nothing: fewer than 8 scans, stamps that do not rise, a scan
+///         without points or without times in the sweep (nobody has deskewed it, or somebody who knew the
+///         motion), or a way back that leads elsewhere.
 std::vector<Pose> smoothed_start(const FrontendConfig& config, const std::vector<StampedCloud>& scans,
                                  const std::vector<Pose>& poses, const Parallel& parallel);
 

@@ -16,6 +16,14 @@ std::uint64_t key_of(const Eigen::Vector3f& p, float inverse_voxel) {
   return voxel_key((p * inverse_voxel).array().floor().cast<int>());
 }
 
+double path_m(const std::vector<ScanPose>& scans) {
+  double sum = 0.0;
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    sum += (scans[i].submap_from_sensor.translation - scans[i - 1].submap_from_sensor.translation).norm();
+  }
+  return sum;
+}
+
 }  // namespace
 
 SubmapBuilder::SubmapBuilder(double voxel_m) : inverse_voxel_(1.0 / voxel_m) {}
@@ -68,24 +76,31 @@ std::optional<Submap> SubmapBuilder::add_new(const Pose& odom_from_sensor, ScanP
   return cut();
 }
 
-void SubmapBuilder::move_last_scans(const std::vector<Pose>& odom_from_sensor) {
-  const std::size_t first = submap_.scans.size() - odom_from_sensor.size();
-  const Pose odom_from_submap = submap_.odom_from_submap;
-  if (first == 0 && submap_.id == 0) submap_.odom_from_submap = odom_from_sensor.front();
+void SubmapBuilder::move_scans(const std::vector<Pose>& odom_from_sensor) {
+  submap_.odom_from_submap = odom_from_sensor.front();
+  last_odom_from_sensor_ = odom_from_sensor.back();
   const Pose submap_from_odom = submap_.odom_from_submap.inverse();
+  submap_.travelled_m -= path_m(submap_.scans);
   std::vector<Pose> moves;  // of points, scan by scan, from where the submap had them
-  for (std::size_t i = 0; i < submap_.scans.size(); ++i) {
+  for (std::size_t i = 0; i < odom_from_sensor.size(); ++i) {
     Pose& pose = submap_.scans[i].submap_from_sensor;
-    const Pose moved = submap_from_odom * (i < first ? odom_from_submap * pose : odom_from_sensor[i - first]);
+    const Pose moved = submap_from_odom * odom_from_sensor[i];
     moves.push_back(moved * pose.inverse());
     pose = moved;
   }
+  submap_.travelled_m += path_m(submap_.scans);
   voxels_.clear();
+  std::size_t kept = 0;
   for (std::size_t k = 0; k < submap_.points.size(); ++k) {
-    Eigen::Vector3f& p = submap_.points[k];
-    p = (moves[static_cast<std::size_t>(submap_.scan_indices[k])] * p.cast<double>()).cast<float>();
-    voxels_.insert(key_of(p, static_cast<float>(inverse_voxel_)));
+    const std::int32_t scan = submap_.scan_indices[k];
+    const Eigen::Vector3d moved = moves[static_cast<std::size_t>(scan)] * submap_.points[k].cast<double>();
+    const Eigen::Vector3f p = moved.cast<float>();
+    if (!voxels_.insert(key_of(p, static_cast<float>(inverse_voxel_))).second) continue;
+    submap_.points[kept] = p;
+    submap_.scan_indices[kept++] = scan;
   }
+  submap_.points.resize(kept);
+  submap_.scan_indices.resize(kept);
 }
 
 std::optional<Submap> SubmapBuilder::finish() {

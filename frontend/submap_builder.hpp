@@ -51,9 +51,10 @@ class SubmapBuilder {
     submap_.odom_from_submap = by * submap_.odom_from_submap;
     last_odom_from_sensor_ = by * last_odom_from_sensor_;
   }
-  /// Gives the last of the open scans other poses; the points that came with each go along. A session's first
-  /// submap begins at its first scan.
-  void move_last_scans(const std::vector<Pose>& odom_from_sensor);
+  /// Gives the open scans other poses, the points that came with each going along; the submap begins at the
+  /// first.
+  /// @param odom_from_sensor one a scan, at least one
+  void move_scans(const std::vector<Pose>& odom_from_sensor);
   /// Cuts the open submap wherever it is; nothing if it holds no scan.
   std::optional<Submap> finish();
 

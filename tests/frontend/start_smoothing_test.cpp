@@ -52,6 +52,12 @@ TEST(StartSmoothing, FirstPosesThatWereWrongAreRightWithTheWayBack) {
   EXPECT_LT((out.back().translation - poses.back().translation).norm(), 1e-9);
 }
 
+TEST(StartSmoothing, AFirstPoseThatWouldMoveTooFarIsLeftAsItIs) {
+  std::vector<Pose> poses = truth(kScans);
+  poses[0].translation.x() += 6.0;
+  EXPECT_TRUE(smoothed(start(kScans), poses).empty());
+}
+
 TEST(StartSmoothing, AWayThatTheScansContradictIsLeftAsItIs) {
   std::vector<Pose> poses = truth(kScans);
   for (std::size_t i = 0; i < kScans; ++i) poses[i].translation *= 1.0 + 0.1 * static_cast<double>(i);
@@ -101,6 +107,15 @@ TEST(Frontend, SaysItsFirstPosesAgain) {
     return sum / kScans;
   };
   EXPECT_LT(error(again), 0.9 * error(first));
+}
+
+TEST(Frontend, SaysNothingAgainOfAStartThatIsNotTheSessions) {
+  Frontend frontend{FrontendConfig()};
+  for (std::size_t i = 0; i < kScans + 6; ++i) {
+    Scan scan = tiny_drive().scans[i];
+    if (i < 3) scan.x = scan.y = scan.z = scan.time = {};
+    EXPECT_TRUE(frontend.process(scan).revised.empty()) << i;
+  }
 }
 
 }  // namespace
