@@ -158,7 +158,6 @@ bool Frontend::Impl::smooth_start() {
   for (const OdometryResult& r : start_results_) poses.push_back(r.odom_from_sensor);
   poses = start_.smoothed(poses, parallel_);
   if (poses.empty()) return false;
-  poses.back() = start_results_.back().odom_from_sensor;  // to the last bit: the present does not jump
   builder.move_scans(poses);
   const Pose submap_from_odom = builder.odom_from_submap().inverse();
   for (std::size_t i = 0; i < poses.size(); ++i) {
@@ -193,8 +192,7 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
   start_.end();
   if (!track_.at_start() || config_.mode != "robust") return;
   start_.begin(track_);
-  start_results_.assign(1, {});  // which is told already
-  start_results_.front().odom_from_sensor = track_.last_pose();
+  start_results_.assign(1, {});  // of the scan that the last submap ends with: told already
 }
 
 Frontend::Frontend(const FrontendConfig& config, int threads)

@@ -41,7 +41,6 @@ std::vector<Pose> way_back(const FrontendConfig& config, const std::vector<Stamp
   Track track(config);
   Remarks ignored;  // the track that was followed has made them
   track.process(reversed(scans.back(), mirror), parallel, ignored, false);
-  if (!track.at_start()) return {};
   track.start_with(-velocity, scans.back().duration_us, parallel);
   std::vector<Pose> out(n);
   out[n - 1] = track.last_pose();
@@ -92,6 +91,7 @@ std::vector<Pose> smoothed_start(const FrontendConfig& config, const std::vector
     if (!(move.head<3>().norm() < kMost && move.tail<3>().norm() < kMostTurn)) return {};
     out.push_back(poses[i] * se3_exp(weight * move));
   }
+  out.back() = poses.back();  // to the last bit
   return out;
 }
 

@@ -96,7 +96,7 @@ double left_of_the_guess(double off, double times_convergence) {
 TEST(HybridIcp, PointToPointDoesNotStopOnTheWay) {
   for (const double off : {0.03, 0.1, 0.3}) {
     EXPECT_LT(left_of_the_guess(off, 1.0), 0.007) << off;
-    EXPECT_GT(left_of_the_guess(off, 3.0), 0.01) << off;  // what it is about: planes end their steps sooner
+    EXPECT_GT(left_of_the_guess(off, 3.0), 0.01) << off;  // what it is about: as other modes stop
   }
 }
 
