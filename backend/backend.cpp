@@ -4,12 +4,12 @@
 #include <chrono>
 #include <utility>
 
-#include "backend/loop_candidates.hpp"
-#include "backend/loop_closer.hpp"
-#include "backend/motion_smoothing.hpp"
-#include "backend/pieces.hpp"
-#include "backend/pose_graph.hpp"
-#include "backend/scan_refinement.hpp"
+#include "backend/closures/loop_closer.hpp"
+#include "backend/graph/motion_smoothing.hpp"
+#include "backend/graph/pieces.hpp"
+#include "backend/graph/pose_graph.hpp"
+#include "backend/graph/scan_refinement.hpp"
+#include "backend/places/loop_candidates.hpp"
 #include "common/error.hpp"
 
 namespace hp2 {

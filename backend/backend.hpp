@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "backend/backend_config.hpp"
-#include "backend/session_store.hpp"
 #include "common/session.hpp"
+#include "common/session/session_store.hpp"
 #include "common/submap.hpp"
 
 namespace hp2 {

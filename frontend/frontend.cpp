@@ -5,9 +5,9 @@
 
 #include "common/byte_io.hpp"
 #include "common/error.hpp"
-#include "frontend/start_search.hpp"
-#include "frontend/stopwatch.hpp"
-#include "frontend/track.hpp"
+#include "common/registration/stopwatch.hpp"
+#include "frontend/odometry/start_search.hpp"
+#include "frontend/odometry/track.hpp"
 
 namespace hp2 {
 namespace {

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "common/config.hpp"
+#include "common/registration/hybrid_icp.hpp"
 
 namespace hp2 {
 
@@ -42,6 +43,9 @@ struct FrontendConfig {
 
 /// The section "frontend" bound to `config`, which must outlive it.
 ConfigSection frontend_section(FrontendConfig& config);
+
+/// Settings of the registration from those of the front-end. @throws Error for an unknown mode
+IcpConfig icp_config(const FrontendConfig& config);
 
 /// Checks what ranges of single keys cannot say. @throws Error
 void validate(const FrontendConfig& config);

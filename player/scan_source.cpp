@@ -3,9 +3,9 @@
 #include <algorithm>
 
 #include "common/error.hpp"
-#include "player/drive.hpp"
-#include "player/file_io.hpp"
-#include "player/layout.hpp"
+#include "player/readers/drive.hpp"
+#include "player/readers/file_io.hpp"
+#include "player/readers/layout.hpp"
 #include "player/synthetic/synthetic_source.hpp"
 
 namespace hp2 {

@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 
-#include "backend/pieces.hpp"
+#include "backend/graph/pieces.hpp"
 #include "viewer_headless/session_view.hpp"
 
 namespace hp2 {

@@ -6,7 +6,7 @@
 
 #include "common/config.hpp"
 #include "common/error.hpp"
-#include "player/drive.hpp"
+#include "player/readers/drive.hpp"
 #include "player/synthetic/build_world.hpp"
 #include "player/synthetic/random.hpp"
 #include "player/synthetic/route.hpp"

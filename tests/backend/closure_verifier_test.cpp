@@ -1,4 +1,4 @@
-#include "backend/closure_verifier.hpp"
+#include "backend/closures/closure_verifier.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backend/ambiguity.hpp"
+#include "backend/closures/ambiguity.hpp"
 #include "backend_fixtures.hpp"
 
 namespace hp2 {

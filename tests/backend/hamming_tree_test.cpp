@@ -1,4 +1,4 @@
-#include "backend/hamming_tree.hpp"
+#include "backend/places/hamming_tree.hpp"
 
 #include <algorithm>
 #include <random>

@@ -1,5 +1,5 @@
 // Smoothing: the optimum it claims, noise and motion told apart, and what it must leave alone.
-#include "backend/motion_smoothing.hpp"
+#include "backend/graph/motion_smoothing.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "backend/overlap.hpp"
+#include "backend/closures/overlap.hpp"
 
 #include <random>
 

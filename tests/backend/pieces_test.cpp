@@ -1,5 +1,5 @@
 // Tracking lost and found again: pieces of a session that only a closure holds together.
-#include "backend/pieces.hpp"
+#include "backend/graph/pieces.hpp"
 
 #include <cmath>
 
@@ -110,7 +110,8 @@ TEST(Backend, TheMapBeginsAtTheFirstScanWhereverOdometryBegan) {
   SessionStore store(folder.path());
   Backend backend({}, store);
   const Pose start(so3_exp({0.01, 0, 0.5}), {-30, 4, 1});
-  Submap first = random_submap(0, start), second = random_submap(1, start * first.scans.back().submap_from_sensor);
+  Submap first = random_submap(0, start),
+         second = random_submap(1, start * first.scans.back().submap_from_sensor);
   backend.add_submap(first, {}, false);
   backend.add_submap(second, {}, true);
   const GraphState& graph = backend.graph();

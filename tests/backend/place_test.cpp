@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include "backend/density_image.hpp"
-#include "backend/features.hpp"
-#include "backend/ground_alignment.hpp"
+#include "backend/places/density_image.hpp"
+#include "backend/places/features.hpp"
+#include "backend/places/ground_alignment.hpp"
 #include "backend_fixtures.hpp"
 
 namespace hp2 {

@@ -1,4 +1,4 @@
-#include "backend/pose_graph.hpp"
+#include "backend/graph/pose_graph.hpp"
 
 #include <algorithm>
 #include <cmath>

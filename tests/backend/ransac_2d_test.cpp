@@ -1,4 +1,4 @@
-#include "backend/ransac_2d.hpp"
+#include "backend/places/ransac_2d.hpp"
 
 #include <algorithm>
 #include <cmath>

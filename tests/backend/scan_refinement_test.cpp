@@ -1,9 +1,9 @@
-#include "backend/scan_refinement.hpp"
+#include "backend/graph/scan_refinement.hpp"
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "backend/odometry_noise.hpp"
+#include "backend/graph/odometry_noise.hpp"
 #include "backend_fixtures.hpp"
 
 namespace hp2 {

@@ -1,4 +1,4 @@
-#include "backend/session_store.hpp"
+#include "common/session/session_store.hpp"
 
 #include <csignal>
 #include <cstdlib>
@@ -13,11 +13,11 @@
 #include <gtest/gtest.h>
 
 #include "backend/backend.hpp"
-#include "backend/session_check.hpp"
-#include "backend/sqlite.hpp"
-#include "backend/submap_codec.hpp"
 #include "backend_fixtures.hpp"
 #include "common/error.hpp"
+#include "common/session/session_check.hpp"
+#include "common/session/sqlite.hpp"
+#include "common/session/submap_codec.hpp"
 
 namespace hp2 {
 namespace {

@@ -13,8 +13,8 @@
 #include <Eigen/SVD>
 
 #include "backend/backend.hpp"
-#include "backend/pieces.hpp"
-#include "backend/scan_refinement.hpp"
+#include "backend/graph/pieces.hpp"
+#include "backend/graph/scan_refinement.hpp"
 #include "common/error.hpp"
 #include "common/evaluation/metrics.hpp"
 #include "drive_submaps.hpp"

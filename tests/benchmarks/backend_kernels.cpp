@@ -7,8 +7,8 @@
 
 #include <benchmark/benchmark.h>
 
-#include "backend/hamming_tree.hpp"
-#include "backend/pose_graph.hpp"
+#include "backend/graph/pose_graph.hpp"
+#include "backend/places/hamming_tree.hpp"
 
 namespace hp2 {
 namespace {

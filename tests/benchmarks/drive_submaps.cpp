@@ -2,8 +2,9 @@
 
 #include <utility>
 
+#include "common/registration/submap_normals.hpp"
 #include "frontend/frontend.hpp"
-#include "frontend/submap_builder.hpp"
+#include "frontend/odometry/submap_builder.hpp"
 
 namespace hp2 {
 

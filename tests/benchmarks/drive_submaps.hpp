@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <string>
 
-#include "backend/session_store.hpp"
+#include "common/session/session_store.hpp"
 #include "player/scan_source.hpp"
 
 namespace hp2 {

@@ -7,10 +7,10 @@
 
 #include <benchmark/benchmark.h>
 
+#include "common/registration/hybrid_icp.hpp"
+#include "common/registration/local_map.hpp"
 #include "frontend/frontend.hpp"
-#include "frontend/hybrid_icp.hpp"
-#include "frontend/local_map.hpp"
-#include "frontend/preprocess.hpp"
+#include "frontend/odometry/preprocess.hpp"
 #include "player/synthetic/build_world.hpp"
 
 namespace hp2 {

@@ -9,7 +9,7 @@
 
 #include "common/atomic_file.hpp"
 #include "common/error.hpp"
-#include "player/ground_truth.hpp"
+#include "player/readers/ground_truth.hpp"
 
 namespace hp2::test {
 namespace {

@@ -1,5 +1,5 @@
 // sigma: initial value, window, lower bound, error formula.
-#include "frontend/adaptive_scale.hpp"
+#include "frontend/odometry/adaptive_scale.hpp"
 
 #include <cmath>
 

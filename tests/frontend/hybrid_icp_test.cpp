@@ -1,12 +1,12 @@
 // How the registration iterates: far in few steps where it is told to.
-#include "frontend/hybrid_icp.hpp"
+#include "common/registration/hybrid_icp.hpp"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "common/registration/parallel.hpp"
 #include "frontend/frontend_config.hpp"
-#include "frontend/parallel.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {

@@ -7,8 +7,8 @@
 #include <gtest/gtest.h>
 
 #include "common/byte_io.hpp"
-#include "frontend/hybrid_icp.hpp"
-#include "frontend/local_map.hpp"
+#include "common/registration/hybrid_icp.hpp"
+#include "common/registration/local_map.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {

@@ -1,5 +1,5 @@
 // The local map against a slow one that keeps every point in a std::map of voxels.
-#include "frontend/local_map.hpp"
+#include "common/registration/local_map.hpp"
 
 #include <algorithm>
 #include <cstring>

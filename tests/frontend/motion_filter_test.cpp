@@ -1,12 +1,12 @@
 // Velocities from registered poses: noise kept out, changes followed, nothing fed back.
-#include "frontend/motion_filter.hpp"
+#include "frontend/odometry/motion_filter.hpp"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
 #include "common/error.hpp"
-#include "frontend/motion_model.hpp"
+#include "frontend/odometry/motion_model.hpp"
 
 namespace hp2 {
 namespace {

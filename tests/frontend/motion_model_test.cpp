@@ -1,5 +1,5 @@
 // Velocities from poses and time stamps: the motion in a sweep, dropped scans included.
-#include "frontend/motion_model.hpp"
+#include "frontend/odometry/motion_model.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "frontend/odometry_covariance.hpp"
+#include "frontend/odometry/odometry_covariance.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>

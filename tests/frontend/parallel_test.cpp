@@ -1,5 +1,5 @@
 // Loops on several threads: every block once, whatever the number of threads, nesting and exceptions.
-#include "frontend/parallel.hpp"
+#include "common/registration/parallel.hpp"
 
 #include <atomic>
 #include <chrono>

@@ -1,5 +1,5 @@
 // Moments, eigenvalues, planarity score and threshold against known answers.
-#include "frontend/planarity.hpp"
+#include "common/registration/planarity.hpp"
 
 #include <cmath>
 

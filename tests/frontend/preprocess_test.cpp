@@ -1,5 +1,5 @@
 // Range crop and downsampling against a one-pass reference; deskewing of a static world.
-#include "frontend/preprocess.hpp"
+#include "frontend/odometry/preprocess.hpp"
 
 #include <array>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "frontend/deskew.hpp"
+#include "frontend/odometry/deskew.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {

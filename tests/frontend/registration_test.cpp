@@ -1,9 +1,10 @@
 // Registration recovers known transforms in all modes, and tells what it cannot observe.
-#include "frontend/registration.hpp"
+#include "common/registration/registration.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
+#include "frontend/frontend_config.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {
@@ -11,6 +12,14 @@ namespace {
 
 using test::Cloud;
 using test::Dice;
+
+RegistrationConfig in_mode(const std::string& mode) {
+  FrontendConfig frontend;
+  frontend.mode = mode;
+  RegistrationConfig config;
+  config.icp = icp_config(frontend);
+  return config;
+}
 
 // Information of a pose: symmetric, no negative eigenvalue.
 void expect_positive_semidefinite(const Matrix6d& m) {
@@ -24,10 +33,9 @@ void expect_positive_semidefinite(const Matrix6d& m) {
 class RegistrationModes : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(RegistrationModes, RecoverKnownTransforms) {
-  FrontendConfig config;
-  config.mode = GetParam();
+  const RegistrationConfig config = in_mode(GetParam());
   const Cloud target = test::room(1);
-  const bool points_only = config.mode == "point_to_point";
+  const bool points_only = config.icp.mode == IcpMode::kPointToPoint;
   Dice dice(2);
   for (int trial = 0; trial < 6; ++trial) {
     // Where the sensor stands is known to 0.6 m an axis and 3 degrees.
@@ -49,8 +57,7 @@ TEST_P(RegistrationModes, RecoverKnownTransforms) {
 }
 
 TEST_P(RegistrationModes, OneTargetForManySources) {
-  FrontendConfig config;
-  config.mode = GetParam();
+  const RegistrationConfig config = in_mode(GetParam());
   const Cloud target = test::room(3);
   LocalMap map = registration_target(target, config);
   for (unsigned k = 0; k < 3; ++k) {
@@ -63,8 +70,7 @@ TEST_P(RegistrationModes, OneTargetForManySources) {
 }
 
 TEST_P(RegistrationModes, DoNotDependOnThreads) {
-  FrontendConfig config;
-  config.mode = GetParam();
+  const RegistrationConfig config = in_mode(GetParam());
   const Cloud target = test::room(3);
   const Pose truth = Dice(4).pose(1.0, 0.2);
   const Cloud source = test::seen_from(test::room(5, 2000), truth);
@@ -79,17 +85,15 @@ INSTANTIATE_TEST_SUITE_P(All, RegistrationModes, ::testing::ValuesIn(frontend_mo
                          [](const auto& mode) { return mode.param; });
 
 TEST(Registration, PlanarWallsGivePlanarCorrespondences) {
-  const auto r = register_clouds(test::room(6), test::room(7, 1500), Pose(), FrontendConfig(), 1.0, 0.6);
+  const auto r = register_clouds(test::room(6), test::room(7, 1500), Pose(), in_mode("robust"), 1.0, 0.6);
   EXPECT_GT(r.n_planar, 2 * r.n_non_planar);
-  FrontendConfig points;
-  points.mode = "point_to_point";
+  const RegistrationConfig points = in_mode("point_to_point");
   EXPECT_EQ(register_clouds(test::room(6), test::room(7, 1500), Pose(), points, 1.0, 0.6).n_planar, 0);
 }
 
 TEST(Registration, CorridorIsWeakerObservedThanARoom) {
   for (const std::string mode : {"hybrid", "point_to_plane", "robust"}) {
-    FrontendConfig config;
-    config.mode = mode;
+    const RegistrationConfig config = in_mode(mode);
     const auto room = register_clouds(test::room(8), test::room(9, 1500), Pose(), config, 1.0, 0.6);
     const auto corridor =
         register_clouds(test::corridor(8), test::corridor(9, 1500), Pose(), config, 1.0, 0.6);
@@ -109,7 +113,7 @@ TEST(Registration, CorridorIsWeakerObservedThanARoom) {
 
 TEST(Registration, NothingToRegisterGivesTheGuessBack) {
   const Pose guess = Dice(10).pose(1.0, 0.3);
-  const FrontendConfig config;
+  const RegistrationConfig config = in_mode("robust");
   for (const auto& [target, source] :
        {std::pair<Cloud, Cloud>{{}, test::room(1, 50)}, {test::room(1, 50), {}}, {{}, {}}}) {
     const auto r = register_clouds(target, source, guess, config, 1.0, 0.6);

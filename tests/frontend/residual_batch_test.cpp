@@ -1,5 +1,5 @@
 // Sums of residuals against the Jacobians written out.
-#include "frontend/residual_batch.hpp"
+#include "common/registration/residual_batch.hpp"
 
 #include <cmath>
 

@@ -4,10 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include "common/registration/hybrid_icp.hpp"
+#include "common/registration/local_map.hpp"
+#include "common/registration/parallel.hpp"
 #include "frontend/frontend_config.hpp"
-#include "frontend/hybrid_icp.hpp"
-#include "frontend/local_map.hpp"
-#include "frontend/parallel.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {

@@ -6,7 +6,7 @@
 #include <map>
 #include <vector>
 
-#include "frontend/local_map.hpp"
+#include "common/registration/local_map.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2::test {

@@ -1,5 +1,5 @@
 // A start at full speed where hardly anything tells the speed.
-#include "frontend/start_search.hpp"
+#include "frontend/odometry/start_search.hpp"
 
 #include <algorithm>
 

@@ -1,5 +1,5 @@
 // A start's first scans, with what the way back says of them.
-#include "frontend/start_smoothing.hpp"
+#include "frontend/odometry/start_smoothing.hpp"
 
 #include <gtest/gtest.h>
 

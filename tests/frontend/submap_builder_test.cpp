@@ -1,5 +1,5 @@
 // Submaps: where they are cut, what they hold, that nothing is lost between them.
-#include "frontend/submap_builder.hpp"
+#include "frontend/odometry/submap_builder.hpp"
 
 #include <array>
 #include <cmath>
@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "common/registration/submap_normals.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "common/error.hpp"
-#include "player/drive.hpp"
+#include "player/readers/drive.hpp"
 
 namespace {
 

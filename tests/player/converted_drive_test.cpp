@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "player/ground_truth.hpp"
+#include "player/readers/ground_truth.hpp"
 #include "player/scan_source.hpp"
 #include "tests/datasets/dataset_writers.hpp"
 #include "tests/player/test_files.hpp"

@@ -1,11 +1,11 @@
-#include "player/file_io.hpp"
+#include "player/readers/file_io.hpp"
 
 #include <filesystem>
 #include <string>
 
 #include <gtest/gtest.h>
 
-#include "player/point_file.hpp"
+#include "player/readers/point_file.hpp"
 #include "player/scan_source.hpp"
 #include "tests/player/test_files.hpp"
 
@@ -23,7 +23,8 @@ std::string some_bytes(std::size_t n) {
 TEST(FilePieces, AreTheFile) {
   const TemporaryFolder folder;
   constexpr std::size_t kPiece = FilePieces::kPieceBytes;
-  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, kPiece - 1, kPiece, kPiece + 1, 3 * kPiece}) {
+  for (const std::size_t size :
+       {std::size_t{0}, std::size_t{1}, kPiece - 1, kPiece, kPiece + 1, 3 * kPiece}) {
     const std::string bytes = some_bytes(size);
     FilePieces file(folder.write("f", bytes));
     EXPECT_EQ(file.size(), size);

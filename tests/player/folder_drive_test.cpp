@@ -6,7 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "player/point_file.hpp"
+#include "player/readers/point_file.hpp"
 #include "player/scan_source.hpp"
 #include "tests/player/test_files.hpp"
 
@@ -57,7 +57,8 @@ TEST(FolderDrive, GenericWithoutTimesInSweep) {
   }
 }
 
-// Nothing of an older scan shows in one that is read into its memory, be it longer or shorter, with or without times.
+// Nothing of an older scan shows in one that is read into its memory, be it longer or shorter, with or
+// without times.
 TEST(FolderDrive, MemoryOfAnOlderScanIsUsedAgain) {
   const TemporaryFolder with, without;
   write_generic(with, 4, true);

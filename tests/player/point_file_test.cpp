@@ -1,15 +1,15 @@
 // PCD and PLY in all their kinds, times in their fields, and headers that lie.
-#include "player/point_file.hpp"
+#include "player/readers/point_file.hpp"
 
 #include <random>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "player/clock.hpp"
-#include "player/file_io.hpp"
-#include "player/lzf.hpp"
+#include "player/readers/file_io.hpp"
+#include "player/readers/lzf.hpp"
 #include "player/scan_source.hpp"
+#include "player/sweep/clock.hpp"
 #include "tests/player/test_files.hpp"
 
 namespace hp2 {

@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backend/pose_graph.hpp"
+#include "backend/graph/pose_graph.hpp"
 #include "tests/viewer_headless/made_up_session.hpp"
 #include "viewer_headless/ground_truth.hpp"
 #include "viewer_headless/summary.hpp"

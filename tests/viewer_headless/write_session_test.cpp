@@ -11,7 +11,7 @@
 #include "common/evaluation/trajectory.hpp"
 #include "tests/viewer_headless/files.hpp"
 #include "tests/viewer_headless/made_up_session.hpp"
-#include "viewer_headless/map_writer.hpp"
+#include "viewer_headless/map/map_writer.hpp"
 
 namespace hp2 {
 namespace {

@@ -1,0 +1,109 @@
+// hp2_player: plays a logged or synthetic drive to the front-end.
+#include <cstdio>
+
+#include "common/error.hpp"
+#include "common/evaluation/trajectory.hpp"
+#include "common/program.hpp"
+#include "common/transport/lcm_bus.hpp"
+#include "common/transport/process.hpp"
+#include "player/process/player_process.hpp"
+#include "player/scan_source.hpp"
+
+namespace {
+
+double parse_rate(const std::string& text) {
+  if (text == "max") return 0.0;
+  std::size_t used = 0;
+  double rate = 0.0;
+  try {
+    rate = std::stod(text, &used);
+  } catch (const std::exception&) {
+    used = 0;
+  }
+  if (used == 0 || used != text.size() || !(rate > 0.0 && rate < 1e6)) {
+    throw hp2::Error("the rate \"" + text + "\" is not understood", "--rate",
+                     "Write max, or how many times real time, e.g. 1 or 2.5.");
+  }
+  return rate;
+}
+
+void write_ground_truth(const hp2::ScanSource& source, const std::string& path) {
+  hp2::Trajectory truth;
+  for (const hp2::StampedPose& p : source.ground_truth()) {
+    truth.times_s.push_back(1e-6 * static_cast<double>(p.utime));
+    truth.poses.push_back(Eigen::Matrix4d::Identity());
+    truth.poses.back().topRows<3>() = p.pose.matrix();
+  }
+  if (truth.poses.empty()) {
+    throw hp2::Error("the drive has no ground truth", source.info().path,
+                     "README.md, \"Data sets\", says where each format has it.");
+  }
+  hp2::write_trajectory(path, truth, hp2::TrajectoryFormat::kTum);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Plays a LiDAR drive to the front-end over LCM.", "hp2_player");
+  std::string data, rate = "max", ground_truth;
+  bool info = false;
+  hp2::SourceOptions source_options;
+  hp2::PlayerOptions options;
+  hp2::CommonOptions common;
+  app.add_option("DATA", data, "Folder of the drive (its format is recognised), or synthetic:SCENE[:SEED]")
+      ->required();
+  app.add_option("--dataset", source_options.dataset, "Format of the drive, if it is not to be recognised")
+      ->type_name("NAME");
+  app.add_option(
+         "--rate", rate,
+         "max: lockstep, every scan is registered, as fast as that goes; or times real time by the recorded "
+         "clock, where scans are skipped if the front-end does not keep up")
+      ->type_name("R|max")
+      ->capture_default_str();
+  app.add_option("--first", source_options.first, "Skip so many scans")->type_name("N");
+  app.add_option("--count", source_options.count, "Play at most so many scans; 0: all")->type_name("N");
+  app.add_option("--stride", source_options.stride, "Play every N-th scan")
+      ->type_name("N")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{1000000}));
+  app.add_option("--topic", source_options.topic, "Topic of a bag or channel of a log")->type_name("NAME");
+  app.add_option("--write-ground-truth", ground_truth,
+                 "Play nothing: write the drive's ground truth for hp2_eval (TUM format, LiDAR's frame, end "
+                 "of each sweep)")
+      ->type_name("FILE");
+  app.add_flag("--info", info, "Say what the drive is and how many scans are to be played, and exit");
+  app.add_flag("--start-paused", options.start_paused,
+               "Wait for hp2_control resume (or step) before the first scan");
+  app.add_option("--threads", options.threads, "Threads that read ahead")
+      ->type_name("N")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  hp2::add_common_options(app, common, false);
+  app.footer(
+      "Examples:\n"
+      "  hp2_player synthetic:loop                    a made drive in lockstep\n"
+      "  hp2_player ~/kitti/sequences/07 --rate 1     by the recorded clock\n"
+      "  hp2_player DATA --first 100 --count 50 --start-paused\n"
+      "It waits for a front-end, resumes at the scan that the front-end wants next, and ends when all scans "
+      "are stored.");
+  CLI11_PARSE(app, argc, argv);
+  return hp2::run_program("hp2_player", [&] {
+    hp2::apply_common_options(common, nullptr);
+    options.rate = parse_rate(rate);
+    const auto source = hp2::open_source(data, source_options);
+    if (!ground_truth.empty()) {
+      write_ground_truth(*source, ground_truth);
+      return 0;
+    }
+    if (info) {
+      std::printf("%s: %s, %zu scans%s\n", source->info().name.c_str(), source->info().format.c_str(),
+                  source->size(), source->ground_truth().empty() ? "" : ", with ground truth");
+      for (const auto& warning : source->warnings()) std::printf("%s\n", warning.c_str());
+      return 0;
+    }
+    hp2::catch_stop_signals();
+    hp2::LcmBus bus(common.lcm_url);
+    hp2::PlayerProcess player(bus, *source, options);
+    bus.run([&] { return player.tick(); });
+    return player.exit_status();
+  });
+}

@@ -1,0 +1,51 @@
+// A drive whose scans are one file each: what every reader of such a data set makes, and the ScanSource
+// around it.
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "player/scan_source.hpp"
+
+namespace hp2 {
+
+/// One scan of a drive, before it is read.
+struct DriveScan {
+  std::string path;              ///< File, or whatever Drive::decode needs to find it.
+  std::int64_t utime = 0;        ///< Start of the sweep [us].
+  std::int64_t duration_us = 0;  ///< 0: no time in the sweep.
+  std::int64_t key = 0;          ///< Anything else that Drive::decode needs.
+
+  std::int64_t utime_end() const { return utime + duration_us; }
+};
+
+/// A drive as found, all its scans in order.
+struct Drive {
+  SourceInfo info;
+  std::vector<DriveScan> scans;
+  /// World-from-sensor at each scan's utime_end(); empty, or as many entries as scans, some of them without a
+  /// pose.
+  std::vector<std::optional<Pose>> ground_truth;
+  std::vector<std::string> warnings;
+  /// Replaces the points, which may be those of an older scan, and sets the times in the sweep, if there are
+  /// any, which are empty; everything else of the scan is set already. Called from several threads.
+  std::function<void(const DriveScan&, Scan&)> decode;
+};
+
+/// The drive with first, count and stride of `options` applied.
+/// @throws Error if no scan is left
+std::unique_ptr<ScanSource> make_source(Drive drive, const SourceOptions& options);
+
+// One reader each; see README.md. All throw Error if the drive is not there or has no scan.
+Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptions& options);
+Drive open_kitti_raw(const std::string& folder, const SourceOptions& options);
+Drive open_mulran(const std::string& folder);
+Drive open_helipr(const std::string& folder, const SourceOptions& options);
+Drive open_apollo(const std::string& folder);
+Drive open_lcm_log(const std::string& file, const SourceOptions& options);
+Drive open_rosbag(const std::string& file, const SourceOptions& options);
+
+}  // namespace hp2

@@ -1,0 +1,81 @@
+#include "player/readers/layout.hpp"
+
+#include <charconv>
+
+#include "common/error.hpp"
+#include "player/readers/file_io.hpp"
+#include "player/readers/ground_truth.hpp"
+#include "player/sweep/clock.hpp"
+
+namespace hp2 {
+
+std::optional<Pose> kitti_camera_from_lidar(const std::string& path) {
+  if (!is_file(path)) return std::nullopt;
+  const std::string text = read_text(path);
+  for (const std::string_view line : split_lines(text)) {
+    for (const std::string_view key : {"Tr:", "Tr_velo_to_cam:"}) {
+      if (line.substr(0, key.size()) != key) continue;
+      const std::vector<double> numbers = parse_numbers(line.substr(key.size()));
+      return pose_from_numbers(numbers.data(), numbers.size());
+    }
+  }
+  return std::nullopt;
+}
+
+std::int64_t stamp_of_name(const std::string& name) {
+  const std::string digits = stem(name);
+  std::int64_t value = 0;
+  const auto [rest, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  if (error != std::errc() || rest != digits.data() + digits.size() || value <= 0) return -1;
+  if (digits.size() == 19) return value / 1000;
+  return digits.size() == 16 ? value : -1;
+}
+
+std::vector<std::int64_t> stamps_of_names(const std::string& folder, const std::vector<std::string>& names,
+                                          std::vector<std::string>& warnings) {
+  std::vector<std::int64_t> stamps;
+  for (const std::string& name : names) {
+    const std::int64_t stamp = stamp_of_name(name);
+    if (stamp >= 0 && (stamps.empty() || stamp > stamps.back())) {
+      stamps.push_back(stamp);
+      continue;
+    }
+    warnings.push_back(folder + " has the file " + name +
+                       ", whose name is no time: assuming 10 scans a second");
+    stamps.clear();
+    for (std::size_t i = 0; i < names.size(); ++i)
+      stamps.push_back(static_cast<std::int64_t>(i) * kAssumedSweep_us);
+    return stamps;
+  }
+  return stamps;
+}
+
+std::vector<std::string> list_bin_scans(const std::string& folder) {
+  std::vector<std::string> names = list_files(folder, ".bin");
+  if (names.empty())
+    throw Error("the folder holds no scan", folder, "Scans there are .bin files named by their times.");
+  return names;
+}
+
+std::string recognise_format(const std::string& path) {
+  if (is_file(path)) {
+    const std::string head = PartFile(path).read(0, 16);
+    if (head.rfind("#ROSBAG V", 0) == 0) return "rosbag";
+    if (head.rfind("\xed\xa1\xda\x01", 0) == 0) return "lcm-log";
+    return "";
+  }
+  const std::string name = base_name(path);
+  if (is_folder(path + "/velodyne_points/data") || (name == "velodyne_points" && is_folder(path + "/data")))
+    return "kitti-raw";
+  if (!helipr_sensor_folders(path).empty()) return "helipr";
+  if (is_folder(path + "/Ouster") || (name == "Ouster" && is_file(path + "/../global_pose.csv")))
+    return "mulran";
+  if (is_folder(path + "/pcds") || (name == "pcds" && is_folder(path + "/../poses"))) return "apollo";
+  if (is_folder(path + "/velodyne") && kitti_camera_from_lidar(path + "/calib.txt")) return "kitti";
+  for (const std::string& folder : {path + "/velodyne", path})
+    for (const char* extension : {".bin", ".pcd", ".ply"})
+      if (!list_files(folder, extension).empty()) return "generic";
+  return "";
+}
+
+}  // namespace hp2

@@ -1,0 +1,135 @@
+#include "player/readers/point_file.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include "common/error.hpp"
+#include "player/readers/file_io.hpp"
+
+namespace hp2 {
+
+void read_points(const PointColumns& columns, std::size_t n, PointFile& out) {
+  read_column(columns.x, n, out.scan.x);
+  read_column(columns.y, n, out.scan.y);
+  read_column(columns.z, n, out.scan.z);
+  out.scan.intensity.clear();
+  out.raw_time.clear();
+  if (columns.intensity.first) read_column(columns.intensity, n, out.scan.intensity);
+  if (columns.time.first) read_column(columns.time, n, out.raw_time);
+}
+
+void move_points(PointFile& file, Scan& scan) {
+  std::swap(scan.x, file.scan.x);
+  std::swap(scan.y, file.scan.y);
+  std::swap(scan.z, file.scan.z);
+  std::swap(scan.intensity, file.scan.intensity);
+}
+
+namespace {
+
+constexpr std::size_t kRecord = 4 * sizeof(float);  // of a .bin file
+static_assert(FilePieces::kPieceBytes % kRecord == 0, "a record lies in one piece");
+
+// Makes room for the points of a .bin file.
+void make_room(std::size_t bytes, const std::string& path, PointFile& out) {
+  if (bytes % kRecord != 0)
+    throw Error("the scan is truncated (" + std::to_string(bytes) + " bytes are no multiple of 16)", path,
+                "Copy the file again; a .bin scan is float32 x y z intensity.");
+  for (auto* axis : {&out.scan.x, &out.scan.y, &out.scan.z, &out.scan.intensity})
+    axis->resize(bytes / kRecord);
+  out.raw_time.clear();
+}
+
+// Points [begin, begin + bytes / 16), for which there is room.
+void parse_records(std::string_view bytes, std::size_t begin, Scan& scan) {
+  const std::size_t n = bytes.size() / kRecord;
+  const char* __restrict from = bytes.data();  // that nothing overlaps lets the compiler make vectors of it
+  float *__restrict x = scan.x.data() + begin, *__restrict y = scan.y.data() + begin,
+                    *__restrict z = scan.z.data() + begin, *__restrict intensity = scan.intensity.data() + begin;
+  for (std::size_t i = 0; i < n; ++i, from += kRecord) {
+    std::memcpy(x + i, from, sizeof(float));
+    std::memcpy(y + i, from + 4, sizeof(float));
+    std::memcpy(z + i, from + 8, sizeof(float));
+    std::memcpy(intensity + i, from + 12, sizeof(float));
+  }
+}
+
+void read_bin(const std::string& path, PointFile& out) {
+  FilePieces file(path);
+  make_room(file.size(), path, out);
+  std::size_t done = 0;
+  for (std::string_view piece = file.next(); !piece.empty(); piece = file.next()) {
+    parse_records(piece, done / kRecord, out.scan);
+    done += piece.size();
+  }
+  if (done != file.size()) make_room(done, path, out);  // it shrank meanwhile
+}
+
+}  // namespace
+
+void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {
+  make_room(bytes.size(), path, out);
+  parse_records(bytes, 0, out.scan);
+}
+
+void read_point_file(const std::string& path, PointFile& out) {
+  const std::size_t dot = path.rfind('.');
+  std::string extension = dot == std::string::npos ? "" : path.substr(dot);
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  if (extension == ".bin") return read_bin(path, out);
+  thread_local FileBuffer buffer;  // kept from scan to scan: no allocation in steady state
+  const std::string_view bytes = buffer.load(path);
+  if (bytes.empty()) {  // a scan of no points, whatever its kind
+    out = PointFile{};
+    return;
+  }
+  if (extension == ".pcd") return parse_pcd(bytes, path, out);
+  if (extension == ".ply") return parse_ply(bytes, path, out);
+  throw Error("unknown kind of scan", path, "Scans are .bin, .pcd or .ply files.");
+}
+
+std::vector<double> parse_ascii_table(std::string_view text, std::size_t n, std::size_t width,
+                                      const std::string& path) {
+  // A number takes two bytes with its separator, so a table cannot have more of them than that.
+  const std::size_t most = (text.size() + 1) / 2;
+  if (width == 0 || n > most / width)
+    throw Error("the header promises " + std::to_string(n) + " points, the file has fewer", path,
+                "The file is truncated or its header is wrong: write it again.");
+  std::vector<double> table(n * width);
+  const char* p = text.data();
+  const char* const end = p + text.size();
+  for (double& value : table) {
+    while (p != end && std::isspace(static_cast<unsigned char>(*p))) ++p;
+    if (p != end && *p == '+') ++p;
+    const auto [rest, error] = std::from_chars(p, end, value);
+    if (error == std::errc::invalid_argument)
+      throw Error("the scan ends early or holds what is not a number",
+                  path + ", byte " + std::to_string(p - text.data()) + " of its data",
+                  "Write the file again.");
+    if (error == std::errc::result_out_of_range) value = std::numeric_limits<double>::quiet_NaN();
+    p = rest;
+  }
+  return table;
+}
+
+void correct_kitti_vertical_angle(Scan& scan) {
+  const double angle = 0.205 * M_PI / 180.0;
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  for (std::size_t i = 0; i < scan.size(); ++i) {
+    const double x = scan.x[i];
+    const double y = scan.y[i];
+    const double z = scan.z[i];
+    const double horizontal = std::sqrt(x * x + y * y);
+    if (!(horizontal > 0.0)) continue;  // straight up or down, or NaN: no axis to turn about
+    const double scale = c - s * z / horizontal;
+    scan.x[i] = static_cast<float>(x * scale);
+    scan.y[i] = static_cast<float>(y * scale);
+    scan.z[i] = static_cast<float>(z * c + horizontal * s);
+  }
+}
+
+}  // namespace hp2
