@@ -1,0 +1,82 @@
+// A LiDAR's packets into scans. Whoever finds packets (a capture's reader, a bag's reader) hands them over in
+// the order of arrival; nothing here knows of files.
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/scan.hpp"
+#include "player/readers/drive.hpp"
+
+namespace hp2 {
+
+/// What is known of a sensor beside its packets.
+struct PacketSensorOptions {
+  std::string metadata;       ///< Ouster: text of the metadata JSON; "" if there is none.
+  std::string metadata_name;  ///< Where the metadata came from, for error messages.
+  std::string where;          ///< Where the packets came from, for error messages.
+};
+
+/// A whole turn of the sensor, and where its packets are found again.
+struct Turn {
+  std::int64_t utime = 0;  ///< Start of the sweep [us]; the sensor's clock where it is near the receiver's.
+  std::int64_t duration_us = 0;  ///< Length of the sweep [us].
+  std::uint64_t first_key = 0;   ///< Least and greatest key of the packets that are needed to decode it.
+  std::uint64_t last_key = 0;
+  Scan scan;  ///< Points and times in the sweep; empty if only the index is wanted.
+};
+
+/// What went wrong in a stream of packets.
+struct PacketCounts {
+  std::uint64_t packets = 0;     ///< Of this sensor, as they came.
+  std::uint64_t doubled = 0;     ///< Left out: the same packet came before.
+  std::uint64_t reordered = 0;   ///< Put back into their place.
+  std::uint64_t refused = 0;     ///< Of the right length, but not of this sensor's form.
+  std::uint64_t broken = 0;      ///< Turns left out because much of them was lost.
+  std::uint64_t partial = 0;     ///< Turns left out at the ends of the stream.
+  std::uint64_t incomplete = 0;  ///< Turns kept although a part was lost.
+};
+
+/// Packets of one sensor into its turns. One stream, one decoder, one thread.
+class PacketDecoder {
+ public:
+  virtual ~PacketDecoder() = default;
+  /// Takes the next packet (the payload of one UDP datagram); appends the turns that are complete now.
+  /// @param received_us when it was received [us]; @param key anything that rises from packet to packet
+  virtual void take(std::int64_t received_us, std::uint64_t key, std::string_view payload,
+                    std::vector<Turn>& turns) = 0;
+  /// There are no more packets: appends the last turns that are whole.
+  virtual void finish(std::vector<Turn>& turns) = 0;
+  virtual const PacketCounts& counts() const = 0;
+};
+
+/// A sensor that was recognised: makes its decoders. Thread-safe.
+class PacketSensor {
+ public:
+  virtual ~PacketSensor() = default;
+  /// e.g. "vlp16", "hdl32e", "ouster OS-1-64", "hesai XT32".
+  virtual const std::string& name() const = 0;
+  /// @param points whether the turns get their points, or are indexed only (which is much faster)
+  virtual std::unique_ptr<PacketDecoder> make_decoder(bool points) const = 0;
+};
+
+/// The sensor that sends packets like this one; null if it is none that is known (positions, IMU, another
+/// program's packets).
+/// @throws Error if it is an Ouster's and the metadata is missing or malformed
+std::shared_ptr<const PacketSensor> recognise_sensor(std::string_view payload,
+                                                     const PacketSensorOptions& options);
+
+/// Calls `use(received_us, key, payload)` for each of the stream's packets from the one with key `first` to
+/// the one with key `last`, in their order. Called from several threads.
+using UsePacket = std::function<void(std::int64_t, std::uint64_t, std::string_view)>;
+using ReadPackets = std::function<void(std::uint64_t first, std::uint64_t last, const UsePacket& use)>;
+
+/// The drive of the turns of one sensor: `read_packets` is called once for all packets (0 to 2^64 - 1) and
+/// then for the packets of each scan that is read. Sets scans, warnings, decode and the sensor of `drive`.
+/// @throws Error if there is no whole turn
+void set_packet_scans(std::shared_ptr<const PacketSensor> sensor, ReadPackets read_packets, Drive& drive);
+
+}  // namespace hp2
