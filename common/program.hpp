@@ -5,8 +5,8 @@
 
 namespace hp2 {
 
-/// Sets up the log (stderr, one line an event, the program's name in front) and runs `body`. An Error becomes a
-/// message on stderr and status 1, any other exception a message that asks for a report and status 70.
+/// Sets up the log (stderr, one line an event, the program's name in front) and runs `body`. An Error becomes
+/// a message on stderr and status 1, any other exception a message that asks for a report and status 70.
 /// @param name program's name as the user types it, e.g. "hp2_frontend"
 /// @param body returns the exit status
 int run_program(const std::string& name, const std::function<int()>& body);
@@ -18,7 +18,7 @@ void set_log_level(const std::string& level);
 /// Largest resident set of this process so far [MB].
 double peak_memory_mb();
 
-/// Version of the project, e.g. "0.1.0".
+/// Version of the project, e.g. "0.2.0".
 std::string version();
 
 }  // namespace hp2

@@ -1,4 +1,5 @@
-// What a session amounts to: the corrected trajectory, the graph and its closures. The back-end makes it, the viewer draws it.
+// What a session amounts to: the corrected trajectory, the graph and its closures. The back-end makes it, the
+// viewer draws it.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -11,16 +12,16 @@ namespace hp2 {
 
 /// The verdict on one loop candidate.
 struct ClosureRecord {
-  std::int64_t from_submap = 0;  ///< Older submap.
-  std::int64_t to_submap = 0;    ///< Newer submap.
-  Pose from_from_to;             ///< Frame of the newer submap into that of the older one.
-  Matrix6d information = Matrix6d::Zero();  ///< (rho [m], phi [rad]), right increments in the newer submap's frame;
-                                            ///< zero unless it passed the 3D check.
-  int inliers = 0;               ///< Of the 2D RANSAC; 0: proposed by the graph, not by image features.
-  double overlap = -1.0;         ///< Of the submaps' voxels after the 3D registration, 0..1; -1: not reached.
-  double residual_m = -1.0;      ///< RMS of the 3D registration; -1: not reached.
+  std::int64_t from_submap = 0;             ///< Older submap.
+  std::int64_t to_submap = 0;               ///< Newer submap.
+  Pose from_from_to;                        ///< Frame of the newer submap into that of the older one.
+  Matrix6d information = Matrix6d::Zero();  ///< (rho [m], phi [rad]), right increments in the newer submap's
+                                            ///< frame; zero unless it passed the 3D check.
+  int inliers = 0;           ///< Of the 2D RANSAC; 0: proposed by the graph, not by image features.
+  double overlap = -1.0;     ///< Of the submaps' voxels after the 3D registration, 0..1; -1: not reached.
+  double residual_m = -1.0;  ///< RMS of the 3D registration; -1: not reached.
   bool accepted = false;
-  std::string reason;            ///< Why not; empty if accepted.
+  std::string reason;  ///< Why not; empty if accepted.
 };
 
 /// One scan's final pose.
@@ -35,10 +36,10 @@ struct TrajectoryPose {
 /// The state of the pose graph at one revision.
 struct GraphState {
   std::int64_t revision = 0;
-  bool ended = false;                 ///< The session is complete and refined.
-  std::vector<Pose> map_from_submap;  ///< Keyposes, one a submap.
-  Pose map_from_odom;                 ///< Of the newest submap.
-  std::vector<ClosureRecord> closures;  ///< All verdicts.
+  bool ended = false;                      ///< The session is complete and refined.
+  std::vector<Pose> map_from_submap;       ///< Keyposes, one per submap.
+  Pose map_from_odom;                      ///< Of the newest submap.
+  std::vector<ClosureRecord> closures;     ///< All verdicts.
   std::vector<TrajectoryPose> trajectory;  ///< All scans of the finished submaps, in order of sequence.
 };
 

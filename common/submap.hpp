@@ -44,8 +44,8 @@ struct Submap {
   std::int64_t id = 0;                     ///< 0, 1, 2, ... in one session.
   Pose odom_from_submap;                   ///< Keypose in the drifting odometry frame.
   std::vector<Eigen::Vector3f> points;     ///< [m], submap frame, downsampled.
-  std::vector<Eigen::Vector3f> normals;    ///< One a point, of unit length (to 1/127); zero: not planar.
-  std::vector<std::int32_t> scan_indices;  ///< One a point: index into `scans` of the scan that saw it.
+  std::vector<Eigen::Vector3f> normals;    ///< One per point, of unit length (to 1/127); zero: not planar.
+  std::vector<std::int32_t> scan_indices;  ///< One per point: index into `scans` of the scan that saw it.
   std::vector<ScanPose> scans;             ///< In order of time.
   double travelled_m = 0.0;                ///< Path length inside this submap.
   std::int64_t scans_skipped = 0;  ///< Scans of the stream in this submap's span that were not registered.

@@ -5,8 +5,8 @@
 
 namespace hp2 {
 
-/// Makes the calling thread alone (on Linux each has a niceness of its own) ten steps nicer: where all
-/// processors are busy it gets a tenth of what others get, and where they are not it is as fast as ever.
+/// Makes the calling thread ten steps nicer; on Linux each thread has a niceness of its own. Where all
+/// processors are busy it gets a tenth of what others get. Otherwise it is as fast as before.
 inline void give_way() {
   errno = 0;
   const int nice = ::getpriority(PRIO_PROCESS, 0);

@@ -47,8 +47,8 @@ class ScanSource {
     (void)index;
     return std::nullopt;
   }
-  /// Ground truth in the LiDAR's frame, one a scan, at the END of each sweep where the data set knows it and
-  /// at the scan's stamp otherwise; empty if there is none.
+  /// Ground truth in the LiDAR's frame, one per scan, at the END of each sweep where the data set knows it
+  /// and at the scan's stamp otherwise; empty if there is none.
   virtual const std::vector<StampedPose>& ground_truth() const = 0;
   /// What the reader noticed and the user should know ("times.txt is not monotonic: assuming 10 Hz"), in
   /// words.

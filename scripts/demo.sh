@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds everything and maps a made world: a loop through it, no download needed. Results in out/demo (or $1).
+# Builds everything and maps a synthetic world: a loop through it, no download needed. Results in out/demo (or $1).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=${1:-out/demo}

@@ -6,7 +6,8 @@
 
 namespace hp2 {
 
-/// Final poses, map_from_sensor at the end of the sweep, one line a scan in order of sequence; KITTI format.
+/// Final poses, map_from_sensor at the end of the sweep, one line per scan in order of sequence; KITTI
+/// format.
 std::string poses_kitti(const SessionDigest& digest);
 /// The same in TUM format; time is the end of the sweep [s].
 std::string poses_tum(const SessionDigest& digest);

@@ -27,7 +27,7 @@ struct ScanRecord {
 /// What is left of a session without its points.
 struct SessionDigest {
   std::vector<ScanRecord> scans;      ///< In order of sequence, each once.
-  std::vector<Pose> map_from_submap;  ///< One a submap, also of those that the graph does not have yet.
+  std::vector<Pose> map_from_submap;  ///< One per submap, also of those that the graph does not have yet.
   std::vector<GraphEdge> odometry;    ///< Between consecutive keyposes, as the back-end weighs it.
   std::int64_t scans_skipped = 0;     ///< By overload or gaps, as the front-end counted.
   double path_m = 0.0;                ///< Length of the final trajectory [m].

@@ -21,8 +21,8 @@ struct SessionView {
   /// by the submap's keypose, submaps beyond `map_from_submap` by `map_from_odom`.
   GraphState graph;
   std::int64_t submap_count = 0;  ///< Submaps that can be read: ids 0 .. n-1.
-  /// Reads one submap with its points; may throw Error. Called once a submap and write_session call, in order
-  /// of id.
+  /// Reads one submap with its points; may throw Error. Called once per submap and write_session call, in
+  /// order of id.
   std::function<Submap(std::int64_t)> read_submap;
 
   /// Ground truth, if there is any: entry i is world_from_sensor of the scan with sequence number i, at the

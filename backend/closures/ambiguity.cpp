@@ -93,7 +93,7 @@ double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose&
   const Overlap other = overlap_of(to.cloud, from.cloud, again, fine_stride, kSharp);
   const Overlap first = overlap_of(to.cloud, from.cloud, from_from_to, fine_stride, kSharp);
   const double explained = other.share / std::max(first.share, 1e-9);
-  // What explains as much is no less likely for where odometry has it: a structure repeats itself for good.
+  // Where odometry puts the rival pose does not make it less likely: a structure may repeat without end.
   return explained - kOdometrySays * (1.0 - std::min(1.0, credibility(again, from_from_to, bound)));
 }
 

@@ -13,13 +13,15 @@ namespace hp2 {
 double path_distance(const std::vector<Eigen::Vector3d>& from_path,
                      const std::vector<Eigen::Vector3d>& to_path, const Pose& from_from_to);
 
-/// Registers `to` to `from` from `guess` and judges: convergence, distance from the guess, the odometry's
-/// bound, that the paths really meet, overlap both ways, residual, that the surfaces in common fix every
-/// direction, that no shifted pose within the bound explains the scene nearly as well (repeated
-/// structure), and that neither submap is bent.
+/// Registers `to` to `from` from `guess` and judges the result. It is accepted only if
+/// - the registration converges near the guess and within the bound of the odometry,
+/// - the paths really meet, and the submaps overlap both ways with a small residual,
+/// - the common surfaces fix every direction,
+/// - no shifted pose within the bound explains the scene nearly as well (repeated structure),
+/// - neither submap is bent.
 /// @param max_path_distance_m paths further apart than this are no revisit
 /// @param guess_m, guess_rad  how far the registration may end from the guess
-/// @param needed  `to` has no closure yet: a glimpse of the place will do, and says that it knows little
+/// @param needed  `to` has no closure yet: a small partial overlap will do, with a large covariance
 ClosureRecord verify_closure(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& guess,
                              const PoseBound& bound, double max_path_distance_m, double guess_m,
                              double guess_rad, bool needed, const BackendConfig& config);

@@ -17,7 +17,7 @@ namespace hp2 {
 class VoxelCloud {
  public:
   /// @param points  [m]; not finite ones are left out
-  /// @param normals unit or zero, one a point; may be empty
+  /// @param normals unit or zero, one per point; may be empty
   /// @param ground_from_points tells what stands above the ground
   VoxelCloud(const std::vector<Eigen::Vector3f>& points, const std::vector<Eigen::Vector3f>& normals,
              const Pose& ground_from_points);

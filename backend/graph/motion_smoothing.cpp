@@ -13,8 +13,8 @@ constexpr std::size_t kFewest = 20;  // samples that tell noise from motion
 // Range of the ratio of jerk to noise that is searched, in powers of ten: from a curve that follows only what
 // lasts for ten samples to one that goes through every sample.
 constexpr double kSmoothest = -6.0, kRoughest = 6.0, kCoarseStep = 1.5, kFineStep = 0.25;
-// A drive is not the same throughout, and neither are its noise and its jerk: they are found for so many
-// samples at a time, and the curves of two neighbours blend into one another over so many about the border.
+// Noise and jerk change along a drive. They are found for kBlock samples at a time. The curves of two
+// neighbouring blocks blend into one another over kBlend samples about the border.
 constexpr std::size_t kBlock = 300, kBlend = 40;
 // Between scans that are further apart than this a sensor may have swayed to and fro: inertia says nothing.
 constexpr double kInertia_s = 0.25;

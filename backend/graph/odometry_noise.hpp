@@ -18,7 +18,7 @@ struct OdometryStep {
   double loss_m = 0.0, loss_rad = 0.0;  ///< Then: standard deviation of the guess.
 };
 
-/// The steps of a submap in order of time, the first one from the keypose. One a scan.
+/// The steps of a submap in order of time, the first one from the keypose. One per scan.
 /// @param utime_before end of the sweep before the first one [us]; 0: unknown, the scans' own rate is taken
 std::vector<OdometryStep> odometry_steps(const std::vector<ScanPose>& scans, std::int64_t utime_before = 0);
 

@@ -23,9 +23,9 @@ std::vector<Pose> refine_scans(const std::vector<ScanPose>& scans, const Pose& m
   if (n == 0 || map_from_next == nullptr) return poses;
 
   // Minimise sum x_i^T C_i^-1 x_i over the corrections x_i of the steps, subject to the chain of Z_i Exp(x_i)
-  // ending at the next keypose. To first order the end moves by sum A_i x_i, with A_i the adjoint of the way
-  // from the end back to scan i, so x_i = C_i A_i^T (sum A_j C_j A_j^T)^-1 e: each step takes its share of
-  // the gap e. Repeated with the chain corrected so far, as the composition is not linear.
+  // ending at the next keypose. To first order the end moves by sum A_i x_i, with A_i the adjoint of the
+  // transform from the end to scan i. Hence x_i = C_i A_i^T (sum A_j C_j A_j^T)^-1 e: each step takes its
+  // share of the gap e. Repeated with the chain corrected so far, as the composition is not linear.
   const std::vector<OdometryStep> steps = odometry_steps(scans);
   std::vector<Vector6d> x(n, Vector6d::Zero());
   std::vector<Matrix6d> shares(n);

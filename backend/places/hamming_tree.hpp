@@ -25,9 +25,9 @@ struct TreeMatch {
 };
 
 /// Several trees over disjoint sets of bits. A node asks for one bit; a leaf that is full is split on the bit
-/// that divides it most evenly. One flipped bit on the way down leads to a wrong leaf, so a query visits the
-/// leaves in order of how many asked bits they disagree in, up to a budget, in every tree: what one tree
-/// misses, another finds.
+/// that divides it most evenly. One flipped bit leads to a wrong leaf. So a query visits the leaves in order
+/// of how many asked bits they disagree in, up to a budget, in every tree: what one tree misses, another
+/// finds.
 class HammingTree {
  public:
   static constexpr int kTrees = 3;

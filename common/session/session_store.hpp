@@ -1,4 +1,4 @@
-// The session on disk: an SQLite database in WAL mode, one transaction a submap, so that a crash loses at
+// The session on disk: an SQLite database in WAL mode, one transaction per submap, so that a crash loses at
 // most the submap in flight.
 #pragma once
 #include <cstddef>

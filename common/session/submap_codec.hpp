@@ -52,7 +52,7 @@ class BlobReader {
   std::size_t at_ = 0, end_ = 0;
 };
 
-/// Points (float), normals (int8, unit = 127) and scan indices (uint32): 19 bytes a point.
+/// Points (float), normals (int8, unit = 127) and scan indices (uint32): 19 bytes per point.
 std::vector<std::uint8_t> encode_points(const Submap& submap);
 /// Fills points, normals and scan_indices. Normals come back within 1/127 of what was stored, and as the same
 /// bits if they come from here or from a decoded submap_t.

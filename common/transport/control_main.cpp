@@ -47,7 +47,7 @@ void stop(hp2::LcmBus& bus, hp2::Endpoint& endpoint, const hp2::Presence& presen
   for (const auto& who : left) std::printf("told to stop, not ended yet: %s\n", who.c_str());
 }
 
-// Processes heard in a little more than a second.
+// Processes whose STATUS came in a little more than a second.
 std::map<std::int64_t, hp2::Peer> listen(hp2::LcmBus& bus, const hp2::Presence& presence) {
   bus.run(until(bus, kListenUs));
   return presence.peers();

@@ -33,7 +33,7 @@ class Endpoint {
   /// 0 until it is known.
   std::int64_t session_id() const { return session_id_; }
   void set_session(std::int64_t session_id);
-  /// Take over the session of the first offer heard on one of these topics.
+  /// Take over the session of the first offer received on one of these topics.
   void adopt_session_from(std::set<std::string> topics) { adopt_from_ = std::move(topics); }
   /// Calls `callback` with every offer of this session on `topic`, whose messages this process does not
   /// fetch.
@@ -57,7 +57,8 @@ class Endpoint {
   /// How many pieces of kPieceBytes may be under way to this process at once, over all its inboxes. Halved
   /// when pieces are lost, grows back while none are.
   int free_window() const { return window_ - in_flight_; }
-  /// A third of the window is free: pieces are asked for so many at a time, as every request wakes their owner.
+  /// A third of the window is free: pieces are asked for so many at a time, as every request wakes their
+  /// owner.
   bool may_ask() const { return free_window() >= std::max(1, window_ / 3); }
   void piece_asked() { ++in_flight_; }
   void piece_settled() { --in_flight_; }

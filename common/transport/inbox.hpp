@@ -61,7 +61,7 @@ class Inbox {
   const offer_t* offer() const;
   /// Pieces of the next message are here or under way.
   bool busy() const { return !assemblies_.empty(); }
-  /// The last offer heard, alive or not.
+  /// The last offer received, whether its owner is alive or not.
   const std::optional<offer_t>& last_offer() const { return offer_; }
   /// Called when the owner's offer changed.
   void on_offer_changed(std::function<void(const offer_t&)> callback) {

@@ -23,7 +23,7 @@ struct Report {
 struct Peer {
   status_t status;
   std::int64_t heard_us = 0;
-  int times = 0;  ///< So often was it heard.
+  int times = 0;  ///< Number of its messages received.
 };
 
 /// Publishes STATUS and keeps the others' last words. Belongs to the bus's thread.
@@ -45,19 +45,19 @@ class Presence {
   /// Publishes what is due. @param force publishes now
   void poll(bool force = false);
 
-  /// Processes heard, by sender id; at most 64: those of other sessions are forgotten first, then those
-  /// heard once, then the longest silent ones.
+  /// Processes whose STATUS was received, by sender id; at most 64. Those of other sessions are forgotten
+  /// first, then those received once, then the longest silent ones.
   const std::map<std::int64_t, Peer>& peers() const { return peers_; }
   /// Processes `name` of this session that spoke in the last 1.5 s and have not said that they ended, other
   /// than this one.
   std::vector<const Peer*> all_live(const std::string& name) const;
   /// One of them; null if there is none.
   const Peer* live(const std::string& name) const;
-  /// Processes `name` of this session that may be heard again: they have not said that they ended, spoke in
-  /// the last 30 s (a link may be down that long), and are not known to be dead, as those of this machine
-  /// are.
+  /// Processes `name` of this session that may come back: they have not reported their end, sent something in
+  /// the last 30 s (a link may be down that long), and are not known to be dead. The death of a process on
+  /// this machine is known.
   std::vector<const Peer*> all_missed(const std::string& name) const;
-  /// Whether the sender of an offer may be heard again, as above; also one whose STATUS has not come yet.
+  /// Whether the sender of an offer may come back, as above; also one whose STATUS has not come yet.
   bool missed(std::int64_t sender_id) const;
   /// This process's own status as it stands.
   status_t status() const;

@@ -142,7 +142,7 @@ void set_generic_ground_truth(const Layout& layout, const std::vector<std::int64
   }
 }
 
-/// Reads ptimes/NAME.bin: float32, one a point.
+/// Reads ptimes/NAME.bin: float32, one per point.
 void read_ptimes(const std::string& path, Scan& scan) {
   FilePieces file(path);
   const auto refuse_unless_fitting = [&](std::size_t bytes) {

@@ -42,7 +42,7 @@ double parse_date_time(std::string_view line) {
   return static_cast<double>(minutes) * 60.0 + seconds[0];
 }
 
-/// Times [s] of a file of dates, one a line; none if the file is missing.
+/// Times [s] of a file of dates, one per line; none if the file is missing.
 std::vector<double> read_date_times(const std::string& path) {
   std::vector<double> times;
   if (!is_file(path)) return times;

@@ -23,7 +23,7 @@ struct Field {
 struct Header {
   std::vector<Field> fields;
   std::size_t n = 0;       ///< Points.
-  std::size_t stride = 0;  ///< Bytes a point.
+  std::size_t stride = 0;  ///< Bytes per point.
   std::size_t width = 0;   ///< Numbers a point.
   std::string data;        ///< ascii, binary, binary_compressed
 };

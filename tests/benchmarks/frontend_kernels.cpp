@@ -1,4 +1,4 @@
-// Google Benchmark of the front-end's stages and kernels: how their time grows with the points a scan, the
+// Google Benchmark of the front-end's stages and kernels: how their time grows with the points per scan, the
 // range and the size of the map. The stages are timed inside the whole front-end, by its own clock, because
 // what a stage costs depends on what the ones before it left.
 #include <algorithm>

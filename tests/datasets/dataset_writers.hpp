@@ -16,9 +16,9 @@ const std::vector<std::string>& dataset_formats();
 /// Writes the drive into `folder`, which is made; what lies there already (another sensor of a HeLiPR drive)
 /// stays. KITTI's `folder` is .../sequences/NN; its poses go to .../poses/NN.txt.
 ///
-/// Points keep the instant of their own where the format has times (MulRan: its column's, so at most 64
-/// points in 1/1024 of a sweep); for KITTI and Apollo, which are motion-compensated, they are moved to the
-/// middle of the sweep by the ground truth. KITTI's points are written with the vertical angle error of the
+/// Points keep their own instant where the format has times (MulRan: that of the column, so at most 64 points
+/// in 1/1024 of a sweep). KITTI and Apollo are motion-compensated: there, points are moved to the middle of
+/// the sweep by the ground truth. KITTI's points are written with the vertical angle error of the
 /// benchmark's.
 /// @throws Error for a drive without ground truth, or one that does not fit the format
 void write_dataset(const ScanSource& drive, const std::string& format, const std::string& folder);

@@ -198,7 +198,7 @@ TEST(ResidualScales, NarrowToWhatResidualsAreAndNeverWiden) {
   const ResidualScales below{0.1, 0.2};
   EXPECT_EQ(below.narrowed(sums).planar_m, 0.1);
   EXPECT_EQ(below.narrowed(sums).point_m, 0.2);
-  // Nothing heard, or residuals of nearly zero: no narrower than noise.
+  // No correspondences, or residuals of nearly zero: no narrower than noise.
   EXPECT_EQ(wide.narrowed(NormalEquations()).planar_m, 0.05);
   EXPECT_EQ(wide.narrowed(NormalEquations()).point_m, 0.1);
 }

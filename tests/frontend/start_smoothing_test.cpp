@@ -1,4 +1,4 @@
-// A start's first scans, with what the way back says of them.
+// The first scans of a session, smoothed with the backward pass.
 #include "frontend/odometry/start_smoothing.hpp"
 
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@ namespace {
 
 using test::tiny_drive;
 
-constexpr std::size_t kScans = 16;  // of a start
+constexpr std::size_t kScans = 16;  // of the initialisation
 
 std::vector<StampedCloud> start(std::size_t n, bool with_times = true) {
   const FrontendConfig c;
@@ -78,7 +78,8 @@ TEST(StartSmoothing, WhatTellsNothingIsLeftAsItIs) {
   EXPECT_TRUE(smoothed(scans, truth(kScans)).empty());
 }
 
-// Through the front-end: all but the newest of the start's poses are said again, and are nearer to the truth.
+// Through the front-end: all but the newest of the first 16 poses are re-estimated, and are nearer to the
+// truth.
 TEST(Frontend, SaysItsFirstPosesAgain) {
   Frontend frontend{FrontendConfig()}, two_threads{FrontendConfig(), 2};
   std::vector<Pose> first, again;

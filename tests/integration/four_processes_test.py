@@ -1,4 +1,4 @@
-"""Four processes on a made drive: a pose for every scan, the same bits from run to run, whoever starts first."""
+"""Four processes on a synthetic drive: a pose for every scan, the same bits from run to run, whoever starts first."""
 from harness import *
 
 DATA = "synthetic:tiny"

@@ -165,7 +165,7 @@ class Odometry(threading.Thread):
     def __init__(self, port=7667):
         super().__init__(daemon=True)
         self.sequence = -1
-        self.scans = set()  # a start's first ones are said again
+        self.scans = set()  # the first ones of a session are published again
         self.senders = set()
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

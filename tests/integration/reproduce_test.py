@@ -1,4 +1,4 @@
-"""scripts/reproduce.sh on a folder tree of made drives in the layouts of KITTI odometry, MulRan, HeLiPR and Apollo."""
+"""scripts/reproduce.sh on a folder tree of synthetic drives in the layouts of KITTI odometry, MulRan, HeLiPR and Apollo."""
 import csv
 import json
 import re

@@ -1,4 +1,4 @@
-// A made drive written in each data set's layout and read back: the points, times and poses must be the
+// A synthetic drive written in each data set's layout and read back: the points, times and poses must be the
 // drive's.
 #include <cmath>
 

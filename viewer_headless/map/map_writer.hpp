@@ -16,7 +16,7 @@
 
 namespace hp2 {
 
-/// Which voxels were seen, in blocks of 8 x 8 x 8 bits: about 2 bytes a voxel of a surface.
+/// Which voxels were seen, in blocks of 8 x 8 x 8 bits: about 2 bytes per voxel of a surface.
 class VoxelSet {
  public:
   /// @param voxel_m edge of a voxel [m]; 0: every point is new

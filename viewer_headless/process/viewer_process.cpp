@@ -171,7 +171,7 @@ void ViewerProcess::report() {
   presence_.set(report);
 }
 
-// The back-end may not have heard yet that everything is written. Its offers tell that it is there: a session
+// The back-end may not know yet that everything is written. Its offers tell that it is there: a session
 // that is written quickly is finished before the back-end's first STATUS has come. While it is silent the
 // link may be down.
 bool ViewerProcess::backend_waits() {
