@@ -11,8 +11,8 @@
 namespace hp2 {
 namespace {
 
-const std::vector<std::string> kFormats = {"kitti",  "kitti-raw", "mulran",  "helipr",
-                                           "apollo", "generic",   "lcm-log", "rosbag"};
+const std::vector<std::string> kFormats = {"kitti",   "kitti-raw", "mulran", "helipr", "apollo",
+                                           "generic", "lcm-log",   "rosbag", "pcap"};
 
 Drive open_drive(const std::string& spec, const std::string& format, const SourceOptions& options) {
   if (format == "kitti-raw") return open_kitti_raw(spec, options);
@@ -21,6 +21,7 @@ Drive open_drive(const std::string& spec, const std::string& format, const Sourc
   if (format == "apollo") return open_apollo(spec);
   if (format == "lcm-log") return open_lcm_log(spec, options);
   if (format == "rosbag") return open_rosbag(spec, options);
+  if (format == "pcap") return open_packet_capture(spec, options);
   return open_folder_drive(spec, format == "kitti", options);
 }
 

@@ -22,7 +22,7 @@ struct StampedPose {
 struct SourceInfo {
   std::string name;    ///< e.g. "kitti_0926_0001" or "synthetic:loop:1".
   std::string format;  ///< "kitti", "kitti-raw", "mulran", "helipr", "apollo", "generic", "synthetic",
-                       ///< "lcm-log", "rosbag".
+                       ///< "lcm-log", "rosbag", "pcap".
   std::string sensor;  ///< e.g. "hdl64"; "" if not known.
   std::string path;    ///< Folder or file; "" for a synthetic drive.
 };
@@ -63,7 +63,9 @@ struct SourceOptions {
   std::size_t stride = 1;  ///< Take every stride-th.
   int kitti_correction =
       -1;  ///< Vertical angle correction of 0.205 degrees: 1 on, 0 off, -1 on for format "kitti" only.
-  std::string topic;  ///< Topic of a bag or channel of a log; empty: the only one of the right type.
+  std::string
+      topic;  ///< Topic of a bag, channel of a log, sender's address in a capture; empty: the only one.
+  std::string metadata;  ///< Ouster's metadata JSON for a capture; empty: the one beside it.
 };
 
 /// Opens a drive named as on every command line: a folder (or file), or `synthetic:SCENE[:SEED]`.

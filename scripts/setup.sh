@@ -19,7 +19,7 @@ while [ $# -gt 0 ]; do
 done
 
 packages=(build-essential cmake ninja-build liblcm-dev liblcm-bin libeigen3-dev libopencv-dev libceres-dev
-  libspdlog-dev libgtest-dev libgmock-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev libdeflate-dev
+  libspdlog-dev libgtest-dev libgmock-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev libdeflate-dev libpcap-dev
   sqlite3 libbenchmark-dev robin-map-dev libjs-chart.js python3 iproute2)
 installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q '^install ok installed$'; }
 missing=()

@@ -20,35 +20,37 @@ struct PacketSensorOptions {
   std::string where;          ///< Where the packets came from, for error messages.
 };
 
-/// A whole turn of the sensor, and where its packets are found again.
+/// A turn of the sensor, or the part of one that was received, and where its packets are found again.
 struct Turn {
-  std::int64_t utime = 0;  ///< Start of the sweep [us]; the sensor's clock where it is near the receiver's.
+  std::int64_t utime = 0;  ///< Start of the sweep [us]: the sensor's clock where it is near the receiver's.
   std::int64_t duration_us = 0;  ///< Length of the sweep [us].
   std::uint64_t first_key = 0;   ///< Least and greatest key of the packets that are needed to decode it.
   std::uint64_t last_key = 0;
-  Scan scan;  ///< Points and times in the sweep; empty if only the index is wanted.
+  std::int64_t start_ns = 0;  ///< Start of the sweep by the sensor's clock [ns].
+  double covered_deg = 0.0;   ///< Angle of which data were received [degrees].
+  bool whole = false;         ///< Cut at both ends where one turn followed the other without a gap.
+  Scan scan;                  ///< Points, and times in the sweep; empty if only the index is wanted.
 };
 
 /// What went wrong in a stream of packets.
 struct PacketCounts {
-  std::uint64_t packets = 0;     ///< Of this sensor, as they came.
-  std::uint64_t doubled = 0;     ///< Left out: the same packet came before.
-  std::uint64_t reordered = 0;   ///< Put back into their place.
-  std::uint64_t refused = 0;     ///< Of the right length, but not of this sensor's form.
-  std::uint64_t broken = 0;      ///< Turns left out because much of them was lost.
-  std::uint64_t partial = 0;     ///< Turns left out at the ends of the stream.
-  std::uint64_t incomplete = 0;  ///< Turns kept although a part was lost.
+  std::uint64_t packets = 0;    ///< Of this sensor, as they came.
+  std::uint64_t doubled = 0;    ///< Left out: the same packet came before.
+  std::uint64_t reordered = 0;  ///< Put back into their place.
+  std::uint64_t late = 0;       ///< Left out: too late to be put back.
+  std::uint64_t refused = 0;    ///< Not of this sensor's form, or with a time that cannot be.
+  std::uint64_t lost = 0;       ///< Missing, as the gaps in the sensor's times tell.
 };
 
-/// Packets of one sensor into its turns. One stream, one decoder, one thread.
+/// Packets of one sensor into turns. One stream, one decoder, one thread.
 class PacketDecoder {
  public:
   virtual ~PacketDecoder() = default;
-  /// Takes the next packet (the payload of one UDP datagram); appends the turns that are complete now.
+  /// Takes the next packet (the payload of one UDP datagram); appends the turns that have ended now.
   /// @param received_us when it was received [us]; @param key anything that rises from packet to packet
   virtual void take(std::int64_t received_us, std::uint64_t key, std::string_view payload,
                     std::vector<Turn>& turns) = 0;
-  /// There are no more packets: appends the last turns that are whole.
+  /// There are no more packets: appends what is left.
   virtual void finish(std::vector<Turn>& turns) = 0;
   virtual const PacketCounts& counts() const = 0;
 };
@@ -57,8 +59,12 @@ class PacketDecoder {
 class PacketSensor {
  public:
   virtual ~PacketSensor() = default;
-  /// e.g. "vlp16", "hdl32e", "ouster OS-1-64", "hesai XT32".
+  /// e.g. "vlp16", "hdl32e", "ouster OS-1-64", "hesai xt32".
   virtual const std::string& name() const = 0;
+  /// Angle of a turn in which the sensor measures [degrees].
+  virtual double window_deg() const = 0;
+  /// Whether the packet is of this sensor's kind.
+  virtual bool fits(std::string_view payload) const = 0;
   /// @param points whether the turns get their points, or are indexed only (which is much faster)
   virtual std::unique_ptr<PacketDecoder> make_decoder(bool points) const = 0;
 };

@@ -65,7 +65,12 @@ int main(int argc, char** argv) {
   app.add_option("--stride", source_options.stride, "Play every N-th scan")
       ->type_name("N")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1000000}));
-  app.add_option("--topic", source_options.topic, "Topic of a bag or channel of a log")->type_name("NAME");
+  app.add_option("--topic", source_options.topic,
+                 "Topic of a bag, channel of a log, or sender's address in a packet capture")
+      ->type_name("NAME");
+  app.add_option("--metadata", source_options.metadata,
+                 "Ouster's metadata JSON of a packet capture, if it does not lie beside it")
+      ->type_name("FILE");
   app.add_option("--write-ground-truth", ground_truth,
                  "Play nothing: write the drive's ground truth for hp2_eval (TUM format, LiDAR's frame, end "
                  "of each sweep)")

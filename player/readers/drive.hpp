@@ -47,5 +47,6 @@ Drive open_helipr(const std::string& folder, const SourceOptions& options);
 Drive open_apollo(const std::string& folder);
 Drive open_lcm_log(const std::string& file, const SourceOptions& options);
 Drive open_rosbag(const std::string& file, const SourceOptions& options);
+Drive open_packet_capture(const std::string& file, const SourceOptions& options);
 
 }  // namespace hp2

@@ -62,6 +62,11 @@ std::string recognise_format(const std::string& path) {
     const std::string head = PartFile(path).read(0, 16);
     if (head.rfind("#ROSBAG V", 0) == 0) return "rosbag";
     if (head.rfind("\xed\xa1\xda\x01", 0) == 0) return "lcm-log";
+    for (const char* magic :
+         {"\xd4\xc3\xb2\xa1", "\xa1\xb2\xc3\xd4", "\x4d\x3c\xb2\xa1", "\xa1\xb2\x3c\x4d", "\x0a\x0d\x0d\x0a"})
+      if (head.rfind(magic, 0) == 0) return "pcap";
+    for (const char* ending : {".pcap", ".pcapng"})
+      if (path.size() > 7 && path.find(ending, path.size() - 7) != std::string::npos) return "pcap";
     return "";
   }
   const std::string name = base_name(path);
