@@ -178,7 +178,8 @@ class StreamDecoder final : public PacketDecoder {
   }
 
   void count_lost(const Held& packet) {
-    if (last_released_ && packet.time_ns > *last_released_) {
+    const bool all_round = format_->window_deg() > 359.0;  // else there are gaps in every turn
+    if (all_round && last_released_ && packet.time_ns > *last_released_) {
       const std::int64_t step = packet.time_ns - *last_released_;
       if (packet_step_ == 0 || step < packet_step_) packet_step_ = step;
       if (step > packet_step_ * 3 / 2)
