@@ -4,6 +4,7 @@ set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=${HP2_BUILD_DIR:-$here/../build}
+[ -d "$build" ] || [ ! -x "$here/../../../bin/hp2_player" ] || build=$here/../../..  # installed: share/hp2-slam/scripts
 arguments=("$@")
 restarts=5        # of one process, with --restart
 ctrl_c_limit=20   # seconds to store and write after Ctrl-C
