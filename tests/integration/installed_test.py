@@ -38,17 +38,24 @@ def launcher_maps(prefix, folder):
 def live_maps(prefix, folder):
     """hp2-slam live, as the systemd unit runs it, stores and writes what a driver sent when it is told to stop."""
     environment = {**os.environ, "PATH": f"{prefix}/bin:{os.environ['PATH']}"}
-    live = subprocess.Popen(["hp2-slam", "live", "--out", str(folder / "robot")], env=environment, stderr=subprocess.PIPE, text=True)
+    log = folder / "live.log"
+    with open(log, "w") as file:
+        live = subprocess.Popen(["hp2-slam", "live", "--out", folder / "robot", "--live-backlog", "1000"], env=environment, stderr=file)
     try:
-        time.sleep(2 * SLOWER)
+        patience = Patience(60)
+        while "waiting for scans" not in log.read_text():
+            expect(patience.lasts() and live.poll() is None, f"hp2-slam live does not wait for scans:\n{log.read_text()}")
+            time.sleep(0.05)
+        odometry = Odometry()
         output("hp2_injector", "--scans", 30, "--quiet", env=environment)
+        odometry.wait_for(29, 60)
         live.terminate()
-        _, text = live.communicate(timeout=90 * SLOWER)
+        live.wait(timeout=90 * SLOWER)
     finally:
         live.kill()
-    expect(live.returncode == 0, f"hp2-slam live ended with {live.returncode}:\n{text[-2000:]}")
+    expect(live.returncode == 0, f"hp2-slam live ended with {live.returncode}:\n{log.read_text()[-2000:]}")
     poses = (folder / "robot" / "latest" / "poses_tum.txt").read_text().splitlines()
-    expect(len([p for p in poses if not p.startswith("#")]) == 30, f"{len(poses)} poses of 30 scans")
+    expect(len([p for p in poses if not p.startswith("#")]) == 30, f"{len(poses)} poses of 30 scans:\n{log.read_text()[-2000:]}")
 
 
 def stranger_embeds(prefix, folder):

@@ -1,5 +1,5 @@
 // Embeds the odometry of HP2-SLAM in a program, without LCM: scans in, poses out. The scans are made up: a
-// sensor drives along a street between two walls with pillars. Prints the error of the last position.
+// sensor drives along a street of houses with front gardens. Prints the error of the last position.
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -9,20 +9,19 @@
 
 namespace {
 
-// Distance [m] from (x, 0, 0) along (dx, dy, dz) to the ground at -1.7 m, a wall at 12 m on either side, a
-// wall across the end at 60 m, or a round pillar.
+// Distance [m] from (x, 0, 0) along (dx, dy, dz) to the nearest surface: the ground at -1.7 m, house fronts
+// at 12 and -9 m, a wall across the end at 60 m, and walls between the front gardens, every 6 m.
 double cast(double x, double dx, double dy, double dz) {
   double nearest = std::numeric_limits<double>::infinity();
   const auto hit = [&nearest](double t) {
     if (t > 0.5 && t < nearest) nearest = t;
   };
   hit(-1.7 / dz);
-  hit((dy > 0 ? 12.0 : -12.0) / dy);
+  hit((dy > 0 ? 12.0 : -9.0) / dy);
   hit((60.0 - x) / dx);
-  for (int k = -3; k < 9; ++k) {
-    const double px = 6.5 * k - x, py = k % 2 == 0 ? 6.0 : -5.0, r = 0.4;
-    const double a = dx * dx + dy * dy, b = dx * px + dy * py, c = px * px + py * py - r * r;
-    if (b * b > a * c) hit((b - std::sqrt(b * b - a * c)) / a);
+  for (int k = -5; k < 9; ++k) {
+    const double t = (6.0 * k - x) / dx, y = std::abs(t * dy);
+    if (y > 6.0 && y < 9.5 && t * dz < 3.0) hit(t);
   }
   return nearest;
 }
