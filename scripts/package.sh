@@ -16,7 +16,7 @@ while [ $# -gt 0 ]; do
   esac
 done
 
-needed=(dpkg-dev fakeroot pybind11-dev python3-dev python3-numpy)
+needed=(dpkg-dev fakeroot file)
 [ "$check" = 0 ] || needed+=(lintian)
 missing=()
 for package in "${needed[@]}"; do

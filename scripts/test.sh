@@ -34,7 +34,7 @@ timed() {
 }
 
 plain() {
-  timed "plain build" scripts/setup.sh
+  timed "plain build" scripts/setup.sh -DHP2_WITH_PYTHON=ON
   # Unit tests side by side; integration tests one at a time, they measure time and use both cores. Some send live
   # scans, which nobody sends again: on a machine that was busy with something else, a failure gets a second try.
   timed "unit tests" run build -L unit -j "$(nproc)"

@@ -37,9 +37,13 @@ class Odometry:
         stamp_s: start of the sweep. duration_s: its length; 0 if the points are deskewed already.
         time: time in the sweep of each point, 0..1; without it nothing is deskewed.
         sequence: number of the scan; default: one more than the last.
-        Returns a dict: pose (odom_from_sensor at the END of the sweep), stamp_s (of that instant), sequence, covariance
-        (6x6, of the motion since the scan before: translation, rotation vector), state ("tracking", "degenerate", "lost"),
-        planar, non_planar, alpha, sigma_m, iterations, ms, and revised: such dicts of earlier scans with new poses.
+
+        Returns a dict:
+        - pose: odom_from_sensor at the END of the sweep; stamp_s: that instant; sequence
+        - covariance: 6x6, of the motion since the scan before (translation, rotation vector)
+        - state: "tracking", "degenerate" or "lost"
+        - planar, non_planar, alpha, sigma_m, iterations, ms
+        - revised: such dicts of earlier scans whose poses were re-estimated
         """
         return self._core.process(points, stamp_s, duration_s, time, sequence)
 
