@@ -57,10 +57,13 @@ class ScanSource {
 
 /// Which scans to take and how to read them.
 struct SourceOptions {
-  std::string dataset;     ///< Format by name; empty: recognise it from the folder.
-  std::size_t first = 0;   ///< Skip so many scans.
-  std::size_t count = 0;   ///< Take at most so many; 0: all.
-  std::size_t stride = 1;  ///< Take every stride-th.
+  std::string dataset;        ///< Format by name; empty: recognise it from the folder.
+  std::size_t first = 0;      ///< Skip so many scans.
+  std::size_t count = 0;      ///< Take at most so many; 0: all.
+  std::size_t stride = 1;     ///< Take every stride-th.
+  std::string times_unit;     ///< Unit of the scans' times in a file: "s", "ms", "us", "ns"; empty: find it.
+  std::string points_unit;    ///< Unit of the points: "m", "cm", "mm"; empty: find it.
+  bool skip_damaged = false;  ///< A scan that cannot be read is an empty one; see ScanSource::damaged().
   int kitti_correction =
       -1;  ///< Vertical angle correction of 0.205 degrees: 1 on, 0 off, -1 on for format "kitti" only.
   std::string

@@ -9,9 +9,11 @@
 #include <sstream>
 
 #include <Eigen/Geometry>
+#include <spdlog/spdlog.h>
 
 #include "common/atomic_file.hpp"
 #include "common/error.hpp"
+#include "common/time_unit.hpp"
 
 namespace hp2 {
 
@@ -118,7 +120,8 @@ std::pair<Trajectory, Trajectory> associate_by_time(const Trajectory& reference,
 
 Trajectory parse_trajectory(const std::string& text, const std::string& name) {
   Trajectory out;
-  std::istringstream stream(text);
+  const bool marked = text.compare(0, 3, "\xef\xbb\xbf") == 0;  // a byte order mark
+  std::istringstream stream(marked ? text.substr(3) : text);
   std::string line;
   std::size_t line_number = 0, expected = 0;
   while (std::getline(stream, line)) {
@@ -145,6 +148,11 @@ Trajectory parse_trajectory(const std::string& text, const std::string& name) {
     out.poses.push_back(tum_pose(v, place));
   }
   if (out.poses.empty()) throw Error("the trajectory is empty", name, "It needs one pose a line.");
+  const double unit_s = unit_of_trajectory(out.times_s);
+  if (unit_s != 1.0) {
+    spdlog::warn("{}: the times are read as {}", name, name_of_unit(unit_s));
+    for (double& t : out.times_s) t *= unit_s;
+  }
   return out;
 }
 

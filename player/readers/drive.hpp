@@ -30,6 +30,7 @@ struct Drive {
   /// pose.
   std::vector<std::optional<Pose>> ground_truth;
   std::vector<std::string> warnings;
+  std::string time_in_sweep;  ///< Unit of the points' times, for people; "": the points have none.
   /// Replaces the points, which may be those of an older scan, and sets the times in the sweep, if there are
   /// any, which are empty; everything else of the scan is set already. Called from several threads.
   std::function<void(const DriveScan&, Scan&)> decode;

@@ -140,7 +140,10 @@ std::string PartFile::read(std::uint64_t offset, std::size_t n) const {
 
 std::string read_text(const std::string& path) {
   FileBuffer buffer;
-  return std::string(buffer.load(path));
+  std::string_view text = buffer.load(path);
+  if (text.substr(0, 3) == "\xef\xbb\xbf")
+    text.remove_prefix(3);  // a byte order mark, as editors on Windows write
+  return std::string(text);
 }
 
 std::vector<std::string_view> split_lines(std::string_view text) {

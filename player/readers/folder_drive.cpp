@@ -11,7 +11,9 @@
 #include "player/readers/file_io.hpp"
 #include "player/readers/ground_truth.hpp"
 #include "player/readers/layout.hpp"
+#include "player/readers/same_content.hpp"
 #include "player/sweep/clock.hpp"
+#include "player/sweep/time_table.hpp"
 
 namespace hp2 {
 namespace {
@@ -78,26 +80,25 @@ std::vector<std::optional<Pose>> read_poses(const Layout& layout, const std::str
   const auto good = static_cast<std::size_t>(
       std::count_if(poses.begin(), poses.end(), [](const auto& p) { return p.has_value(); }));
   poses.resize(layout.names.size());
-  if (good < poses.size())
+  if (good < poses.size() && good > 0)
     warnings.push_back(path + " has poses for " + std::to_string(good) + " of " +
                        std::to_string(poses.size()) + " scans: the others have no ground truth");
-  if (good == 0) poses.clear();
+  if (good == 0) {
+    poses.clear();
+    warnings.push_back(
+        path +
+        " holds no pose that is understood (12 numbers a line, or a time and 7): there is no ground truth");
+  }
   return poses;
 }
 
-/// Raw times of the first scans that can be read, to find their unit.
-std::vector<std::vector<double>> sample_times(const Layout& layout) {
-  std::vector<std::vector<double>> samples;
-  for (std::size_t i = 0; i < std::min<std::size_t>(layout.names.size(), 5); ++i) {
-    try {
-      PointFile file;
-      read_point_file(layout.scans + "/" + layout.names[i], file);
-      if (!file.raw_time.empty()) samples.push_back(std::move(file.raw_time));
-    } catch (const Error&) {
-      // A damaged scan is reported when it is its turn to be read.
-    }
-  }
-  return samples;
+/// The entries that are kept, in their new order.
+template <typename T>
+void reorder(std::vector<T>& all, const std::vector<std::size_t>& order) {
+  std::vector<T> kept;
+  for (const std::size_t i : order)
+    if (i < all.size()) kept.push_back(std::move(all[i]));
+  all = std::move(kept);
 }
 
 /// Sets the scans' times from stamps in the middle of the sweeps.
@@ -115,11 +116,12 @@ void to_lidar_frame(const Pose& camera_from_lidar, std::vector<std::optional<Pos
     if (pose) pose = lidar_from_camera * *pose * camera_from_lidar;
 }
 
-void set_kitti_ground_truth(const Layout& layout, Drive& drive) {
+void set_kitti_ground_truth(const Layout& layout, const std::vector<std::size_t>& order, Drive& drive) {
   std::string path = layout.base + "/poses.txt";
   if (!is_file(path)) path = layout.base + "/../../poses/" + base_name(layout.base) + ".txt";
   if (!is_file(path)) return;
   drive.ground_truth = read_poses(layout, path, drive.warnings);
+  reorder(drive.ground_truth, order);
   if (const auto camera_from_lidar = kitti_camera_from_lidar(layout.base + "/calib.txt"))
     to_lidar_frame(*camera_from_lidar, drive.ground_truth);
   else
@@ -127,19 +129,35 @@ void set_kitti_ground_truth(const Layout& layout, Drive& drive) {
                              " is taken to be in the LiDAR's frame");
 }
 
-void set_generic_ground_truth(const Layout& layout, const std::vector<std::int64_t>& stamps, bool has_times,
-                              Drive& drive) {
-  const std::string end_path = layout.base + "/poses_end.txt";
-  const std::string path = layout.base + "/poses.txt";
-  if (has_times && is_file(end_path)) {
-    drive.ground_truth = read_poses(layout, end_path, drive.warnings);
-  } else if (is_file(path)) {
-    drive.ground_truth = read_poses(layout, path, drive.warnings);
-    if (!has_times || drive.ground_truth.empty()) return;
-    std::vector<std::int64_t> ends;
-    for (const DriveScan& scan : drive.scans) ends.push_back(scan.utime_end());
-    drive.ground_truth = shift_poses(drive.ground_truth, stamps, ends);
+/// Poses of a file of times and poses (TUM) at the ends of the sweeps.
+void set_stamped_ground_truth(const std::string& path, Drive& drive) {
+  constexpr std::int64_t kMostGap_us = 1'000'000;
+  const std::vector<StampedPose> poses = read_tum_poses(path);
+  std::size_t good = 0;
+  for (const DriveScan& scan : drive.scans) {
+    drive.ground_truth.push_back(pose_at(poses, scan.utime_end(), kMostGap_us));
+    good += drive.ground_truth.back() ? 1 : 0;
   }
+  if (good == drive.scans.size()) return;
+  drive.warnings.push_back(path + " (time and pose per line) has poses for " + std::to_string(good) + " of " +
+                           std::to_string(drive.scans.size()) + " scans" +
+                           (good == 0 ? ": its times are not of the scans' clock" : ""));
+  if (good == 0) drive.ground_truth.clear();
+}
+
+void set_generic_ground_truth(const Layout& layout, const MendedStamps& clock, bool has_times, Drive& drive) {
+  const std::string end_path = layout.base + "/poses_end.txt";
+  const std::string poses_path = layout.base + "/poses.txt";
+  const bool at_end = has_times && is_file(end_path);
+  const std::string path = at_end ? end_path : poses_path;
+  if (!is_file(path)) return;
+  if (holds_stamped_poses(path)) return set_stamped_ground_truth(path, drive);
+  drive.ground_truth = read_poses(layout, path, drive.warnings);
+  reorder(drive.ground_truth, clock.order);
+  if (at_end || !has_times || drive.ground_truth.empty()) return;
+  std::vector<std::int64_t> ends;
+  for (const DriveScan& scan : drive.scans) ends.push_back(scan.utime_end());
+  drive.ground_truth = shift_poses(drive.ground_truth, clock.stamps_us, ends);
 }
 
 /// Reads ptimes/NAME.bin: float32, one per point.
@@ -172,6 +190,34 @@ void read_ptimes(const std::string& path, Scan& scan) {
   if (bad != 0) time.clear();  // no time rather than a wrong one
 }
 
+/// Times [s] of the scans, and where they come from.
+struct FoundTimes {
+  std::vector<double> times_s;  ///< Empty: none were found.
+  std::string where;
+  bool are_starts = false;  ///< Of the sweeps' starts, not of their middles.
+};
+
+FoundTimes find_times(const Layout& layout, const SourceOptions& options,
+                      std::vector<std::string>& warnings) {
+  FoundTimes found;
+  found.where = layout.base + "/times.txt";
+  if (is_file(found.where)) {
+    TimeTable table = read_times(found.where, options.times_unit);
+    warnings.insert(warnings.end(), table.warnings.begin(), table.warnings.end());
+    found.times_s = pick_lines(layout, table.times_s);
+  } else if (stamp_of_name(layout.names.front()) >= 0) {
+    for (const std::string& name : layout.names) {
+      const std::int64_t stamp = stamp_of_name(name);
+      found.times_s.push_back(stamp >= 0 ? static_cast<double>(stamp) * 1e-6
+                                         : std::numeric_limits<double>::quiet_NaN());
+    }
+    found.where = layout.scans;
+    found.are_starts = true;  // drivers name a file by its header's stamp, the sweep's start
+  }
+  found.times_s.resize(layout.names.size(), std::numeric_limits<double>::quiet_NaN());
+  return found;
+}
+
 }  // namespace
 
 Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptions& options) {
@@ -183,40 +229,40 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
   drive.warnings = layout.warnings;
   for (const std::string& name : layout.names) drive.scans.push_back({layout.scans + "/" + name, 0, 0, 0});
 
-  std::vector<double> times;
-  const std::string times_path = layout.base + "/times.txt";
-  bool stamps_are_starts = false;
-  if (is_file(times_path)) {
-    times = pick_lines(layout, read_times(times_path));
-  } else if (stamp_of_name(layout.names.front()) >= 0) {
-    for (const std::string& name : layout.names)
-      times.push_back(static_cast<double>(stamp_of_name(name)) * 1e-6);
-    stamps_are_starts = true;  // drivers name a file by its header's stamp, the sweep's start
-  }
-  const std::vector<std::int64_t> stamps =
-      make_stamps(times, drive.scans.size(), stamps_are_starts ? layout.scans : times_path, drive.warnings);
+  const FoundTimes found = find_times(layout, options, drive.warnings);
+  MendOptions mend;
+  mend.same_points = [&drive](std::size_t a, std::size_t b) {
+    return same_content(PartFile(drive.scans[a].path), PartFile(drive.scans[b].path));
+  };
+  MendedStamps clock = mend_stamps(found.times_s, found.where, mend);
+  drive.warnings.insert(drive.warnings.end(), clock.warnings.begin(), clock.warnings.end());
+  const std::vector<std::int64_t>& stamps = clock.stamps_us;
+  reorder(drive.scans, clock.order);
 
   TimeUnit unit;
   const bool has_ptimes = !kitti && is_folder(layout.base + "/ptimes");
   bool has_times = has_ptimes;
   if (has_ptimes) {
     unit.duration_us = estimate_sweep(stamps);
+    unit.normalised = true;
   } else if (!kitti) {
-    const auto samples = sample_times(layout);
-    has_times = !samples.empty();
-    if (has_times) unit = find_time_unit(samples, estimate_sweep(stamps));
+    const TimeSamples samples = sample_times(
+        stamps, [&drive](std::size_t i, PointFile& file) { read_point_file(drive.scans[i].path, file); });
+    has_times = !samples.raw.empty();
+    if (has_times) unit = find_time_unit(samples.raw, estimate_sweep(stamps), 0.0, samples.stamps_us);
     if (has_times && unit.unit_s == 0.0 && !unit.normalised)
       drive.warnings.push_back("the unit of the points' times in " + layout.scans +
                                " cannot be told: each scan's times are stretched over a whole sweep");
   }
   set_times(drive, stamps, has_times ? unit.duration_us : 0);
-  if (stamps_are_starts)
+  if (found.are_starts || unit.absolute)
     for (std::size_t i = 0; i < stamps.size(); ++i) drive.scans[i].utime = stamps[i] + unit.start_us;
+  drive.time_in_sweep = has_times ? describe(unit) : "";
 
   if (kitti)
-    set_kitti_ground_truth(layout, drive);
+    set_kitti_ground_truth(layout, clock.order, drive);
   else
-    set_generic_ground_truth(layout, stamps, has_times, drive);
+    set_generic_ground_truth(layout, clock, has_times, drive);
 
   const bool correct = options.kitti_correction < 0 ? kitti : options.kitti_correction > 0;
   const std::string ptimes = has_ptimes ? layout.base + "/ptimes/" : "";

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 
+#include "common/time_unit.hpp"
 #include "player/readers/file_io.hpp"
 
 namespace hp2 {
@@ -82,6 +83,29 @@ std::vector<StampedPose> read_stamped_poses(const std::string& path, std::size_t
     if (std::abs(q.norm() - 1.0) > 0.01) return std::nullopt;
     return Pose(q, Eigen::Vector3d(p[0], p[1], p[2]));
   });
+}
+
+bool holds_stamped_poses(const std::string& path) {
+  const std::string text = read_text(path);
+  std::size_t eight = 0, others = 0;
+  for (const std::string_view line : split_lines(text)) {
+    if (line.empty() || line[0] == '#') continue;
+    const std::vector<double> numbers = parse_numbers(line);
+    const bool good = std::all_of(numbers.begin(), numbers.end(), [](double v) { return std::isfinite(v); });
+    (good && numbers.size() == 8 ? eight : others) += 1;
+  }
+  return eight > others;
+}
+
+std::vector<StampedPose> read_tum_poses(const std::string& path) {
+  const std::string text = read_text(path);
+  std::vector<double> times;
+  for (const std::string_view line : split_lines(text)) {
+    if (line.empty() || line[0] == '#') continue;
+    const std::vector<double> numbers = parse_numbers(line);
+    if (!numbers.empty()) times.push_back(numbers[0]);
+  }
+  return read_stamped_poses(path, 0, unit_of_trajectory(times));
 }
 
 std::vector<StampedPose> read_stamped_matrices(const std::string& path) {

@@ -23,6 +23,11 @@ std::vector<std::optional<Pose>> read_kitti_poses(const std::string& path);
 /// @throws Error if the file cannot be read
 std::vector<StampedPose> read_stamped_poses(const std::string& path, std::size_t skip, double unit_s);
 
+/// Whether most lines of a file are a time and a pose (8 numbers, TUM).
+bool holds_stamped_poses(const std::string& path);
+/// Reads a TUM file, whose times may be in s, ms, us or ns.
+std::vector<StampedPose> read_tum_poses(const std::string& path);
+
 /// Reads lines of a time [ns] and the 12 numbers of a 3x4 matrix; otherwise as read_stamped_poses.
 std::vector<StampedPose> read_stamped_matrices(const std::string& path);
 

@@ -9,38 +9,10 @@
 #include "player/readers/ground_truth.hpp"
 #include "player/readers/point_file.hpp"
 #include "player/sweep/clock.hpp"
+#include "player/sweep/time_table.hpp"
 
 namespace hp2 {
 namespace {
-
-/// Days from 1970-01-01 to a date of the Gregorian calendar.
-std::int64_t days_since_1970(std::int64_t year, int month, int day) {
-  year -= month <= 2;  // years begin in March, so that leap days come last
-  const std::int64_t era = year / 400;
-  const std::int64_t year_of_era = year % 400;
-  const std::int64_t day_of_year = (153 * (month + (month > 2 ? -3 : 9)) + 2) / 5 + day - 1;
-  return era * 146097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year - 719468;
-}
-
-/// Time [s] of "2011-09-26 13:02:25.594360375"; NaN if it is none.
-double parse_date_time(std::string_view line) {
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-  int parts[5] = {};
-  const std::size_t begins[5] = {0, 5, 8, 11, 14};
-  const std::size_t lengths[5] = {4, 2, 2, 2, 2};
-  if (line.size() < 19) return kNone;
-  for (int i = 0; i < 5; ++i) {
-    const char* first = line.data() + begins[i];
-    const auto [rest, error] = std::from_chars(first, first + lengths[i], parts[i]);
-    if (error != std::errc() || rest != first + lengths[i]) return kNone;
-  }
-  const std::vector<double> seconds = parse_numbers(line.substr(17));
-  if (parts[0] < 1970 || parts[1] < 1 || parts[1] > 12 || parts[2] < 1 || parts[2] > 31 || seconds.empty())
-    return kNone;
-  const std::int64_t minutes =
-      (days_since_1970(parts[0], parts[1], parts[2]) * 24 + parts[3]) * 60 + parts[4];
-  return static_cast<double>(minutes) * 60.0 + seconds[0];
-}
 
 /// Times [s] of a file of dates, one per line; none if the file is missing.
 std::vector<double> read_date_times(const std::string& path) {

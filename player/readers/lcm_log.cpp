@@ -9,11 +9,13 @@
 #include <tuple>
 
 #include "common/error.hpp"
+#include "common/time_unit.hpp"
 #include "common/transport/convert.hpp"
 #include "common/transport/crc32.hpp"
 #include "player/readers/drive.hpp"
 #include "player/readers/file_io.hpp"
-#include "player/sweep/clock.hpp"
+#include "player/readers/same_content.hpp"
+#include "player/sweep/stamp_mender.hpp"
 
 namespace hp2 {
 namespace {
@@ -22,6 +24,8 @@ constexpr std::uint32_t kSync = 0xeda1da01U;
 constexpr std::size_t kEventHeader =
     28;  // sync, number, time, length of the channel's name, length of the data
 constexpr std::size_t kChunkHeader = 56;  // fingerprint and chunk_t's fields before the data
+constexpr std::size_t kScanHeader = 128;  // of a scan_t: what a relay may change, such as its number
+constexpr std::int64_t kLongestSweep_us = 10'000'000;
 constexpr std::int32_t kMaxPieces = 1 << 20;
 
 template <typename T>
@@ -29,6 +33,13 @@ T big_endian(const char* p) {
   std::uint64_t value = 0;
   for (std::size_t i = 0; i < sizeof(T); ++i) value = value << 8 | static_cast<unsigned char>(p[i]);
   return static_cast<T>(value);
+}
+
+/// Overwrites a field of a message, if it is that long.
+void put_big_endian(std::int64_t value, std::string& bytes, std::size_t at) {
+  if (bytes.size() < at + sizeof(value)) return;
+  for (std::size_t i = 0; i < sizeof(value); ++i)
+    bytes[at + i] = static_cast<char>(static_cast<std::uint64_t>(value) >> (56 - 8 * i));
 }
 
 /// Bytes of one piece of a message in the log.
@@ -170,6 +181,16 @@ void choose_channel(Index& index, const std::string& wanted, const PartFile& log
                        " lack pieces: they are left out");
 }
 
+/// Seconds of the unit of utime, which should be 1e-6.
+double unit_of_utime(const std::vector<double>& utimes, const std::string& path,
+                     std::vector<std::string>& warnings) {
+  const double unit = unit_of_stamps(utimes);
+  if (unit == 0.0 || unit == 1e-6) return 1e-6;
+  warnings.push_back(path + ": scan_t.utime is in " + name_of_unit(unit) +
+                     " and is read as such; the driver should write microseconds");
+  return unit;
+}
+
 }  // namespace
 
 Drive open_lcm_log(const std::string& path, const SourceOptions& options) {
@@ -181,25 +202,48 @@ Drive open_lcm_log(const std::string& path, const SourceOptions& options) {
   choose_channel(index, options.topic, *log, drive.warnings);
   if (index.messages.empty())
     throw Error("the log holds no scan", path, "Record HP2_SCAN or HP2_CHUNK_SCAN with lcm-logger.");
-  std::vector<double> starts;
+  std::vector<double> starts;  // as the driver wrote them
   std::vector<std::int64_t> durations;
   for (const auto& message : index.messages) {
     const Piece& first = message->pieces.front();
     const std::string head =
         log->read(first.at, std::min<std::size_t>(first.size, 24));  // fingerprint, utime, duration
     const bool good = head.size() == 24;
-    starts.push_back(good ? static_cast<double>(big_endian<std::int64_t>(head.data() + 8)) * 1e-6 : NAN);
+    starts.push_back(good ? static_cast<double>(big_endian<std::int64_t>(head.data() + 8)) : NAN);
     const std::int64_t duration = good ? big_endian<std::int64_t>(head.data() + 16) : 0;
-    durations.push_back(duration >= 0 && duration < 10'000'000 ? duration : 0);
+    durations.push_back(duration);
   }
-  const auto stamps = make_stamps(starts, starts.size(), path, drive.warnings);
-  for (std::size_t i = 0; i < stamps.size(); ++i)
-    drive.scans.push_back({path, stamps[i], durations[i], static_cast<std::int64_t>(i)});
+  const double unit = unit_of_utime(starts, path, drive.warnings);
+  for (double& start : starts) start *= unit;
+  for (std::int64_t& duration : durations) {
+    if (duration > kLongestSweep_us && unit == 1e-9) duration /= 1000;  // of the same wrong unit
+    if (duration < 0 || duration > kLongestSweep_us) duration = 0;
+  }
+  const auto first_part = [&](std::size_t i) {
+    const Message& m = *index.messages[i];
+    const std::uint64_t skip = std::min<std::uint64_t>(m.pieces.front().size, kScanHeader);
+    return FilePart{*log, m.pieces.front().at + skip, m.pieces.front().size - skip};
+  };
+  MendOptions mend;
+  mend.same_points = [&](std::size_t a, std::size_t b) {
+    return index.messages[a]->total == index.messages[b]->total && same_content(first_part(a), first_part(b));
+  };
+  MendedStamps clock = mend_stamps(starts, path, mend);
+  drive.warnings.insert(drive.warnings.end(), clock.warnings.begin(), clock.warnings.end());
+  std::vector<std::shared_ptr<Message>> kept;
+  for (std::size_t i = 0; i < clock.order.size(); ++i) {
+    kept.push_back(index.messages[clock.order[i]]);
+    drive.scans.push_back(
+        {path, clock.stamps_us[i], durations[clock.order[i]], static_cast<std::int64_t>(i)});
+  }
+  index.messages = std::move(kept);
   const auto messages =
       std::make_shared<const std::vector<std::shared_ptr<Message>>>(std::move(index.messages));
   drive.decode = [log, messages](const DriveScan& entry, Scan& scan) {
     const Message& message = *(*messages)[static_cast<std::size_t>(entry.key)];
-    const std::string bytes = assemble(*log, message);
+    std::string bytes = assemble(*log, message);
+    put_big_endian(scan.utime, bytes, 8);  // as mended: what the driver wrote may not be a time at all
+    put_big_endian(scan.duration_us, bytes, 16);
     std::optional<Scan> decoded =
         decode_scan(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
     if (!decoded)

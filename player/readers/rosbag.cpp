@@ -1,7 +1,9 @@
 // ROS 1 bags (format 2.0) with sensor_msgs/PointCloud2. Chunks without compression are always read; bz2 and
 // lz4 if the project is configured with HP2_WITH_ROSBAG.
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <map>
 #include <memory>
 #include <set>
@@ -22,6 +24,7 @@ namespace {
 
 constexpr std::size_t kMaxHeader = 1 << 20;
 constexpr std::size_t kMaxChunk = 1 << 28;
+constexpr std::size_t kStampEnd = 12;  // of a message: its number and stamp
 constexpr char kOpMessage = 2, kOpIndex = 4, kOpChunk = 5, kOpConnection = 7;
 
 [[noreturn]] void fail(const std::string& what, const std::string& where) {
@@ -265,22 +268,31 @@ Drive open_rosbag(const std::string& path, const SourceOptions& options) {
     } catch (const Error&) {
       // A damaged scan is reported when it is its turn to be read.
     }
-    times.push_back(static_cast<double>(stamp >= 0 ? stamp : ref.utime) * 1e-6);
+    times.push_back(stamp >= 0 ? static_cast<double>(stamp) * 1e-6
+                               : std::numeric_limits<double>::quiet_NaN());
   }
-  auto stamps = make_stamps(times, times.size(), "the messages' headers in " + path, drive.warnings);
-  std::vector<std::vector<double>> samples;
-  for (std::size_t i = 0; i < std::min<std::size_t>(bag->messages.size(), 5); ++i) {
-    try {
-      PointFile file;
-      parse_point_cloud2(read_message(*bag, bag->messages[i]), path, file);
-      if (!file.raw_time.empty()) samples.push_back(std::move(file.raw_time));
-    } catch (const Error&) {
-      // A damaged scan is reported when it is its turn to be read.
-    }
-  }
+  const auto stamped = std::count_if(times.begin(), times.end(), [](double t) { return std::isfinite(t); });
+  if (2 * static_cast<std::size_t>(stamped) < times.size())
+    for (std::size_t i = 0; i < times.size(); ++i)
+      times[i] = static_cast<double>(bag->messages[i].utime) * 1e-6;
+  MendOptions mend;
+  mend.same_points = [&bag](std::size_t a, std::size_t b) {
+    return read_message(*bag, bag->messages[a]).substr(kStampEnd) ==
+           read_message(*bag, bag->messages[b]).substr(kStampEnd);
+  };
+  MendedStamps clock = mend_stamps(times, "the messages' headers in " + path, mend);
+  drive.warnings.insert(drive.warnings.end(), clock.warnings.begin(), clock.warnings.end());
+  std::vector<MessageRef> kept;
+  for (const std::size_t i : clock.order) kept.push_back(bag->messages[i]);
+  bag->messages = std::move(kept);
+  const std::vector<std::int64_t>& stamps = clock.stamps_us;
+  const TimeSamples samples = sample_times(stamps, [&bag, &path](std::size_t i, PointFile& file) {
+    parse_point_cloud2(read_message(*bag, bag->messages[i]), path, file);
+  });
   TimeUnit unit;
-  if (!samples.empty()) unit = find_time_unit(samples, estimate_sweep(stamps));
-  const bool has_times = !samples.empty();
+  const bool has_times = !samples.raw.empty();
+  if (has_times) unit = find_time_unit(samples.raw, estimate_sweep(stamps), 0.0, samples.stamps_us);
+  drive.time_in_sweep = has_times ? describe(unit) : "";
   for (std::size_t i = 0; i < stamps.size(); ++i)
     drive.scans.push_back({path, stamps[i] + unit.start_us, unit.duration_us, static_cast<std::int64_t>(i)});
   drive.decode = [bag, unit, has_times](const DriveScan& entry, Scan& scan) {

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
-#include "player/readers/file_io.hpp"
+#include "common/error.hpp"
+#include "common/time_unit.hpp"
 
 namespace hp2 {
 namespace {
@@ -19,7 +21,11 @@ struct Span {
   double low = std::numeric_limits<double>::infinity();
   double high = -std::numeric_limits<double>::infinity();
   bool finite = true;
+  double share = 1.0;  ///< Of the values that it spans.
 };
+
+/// Times that lie further from their scan's stamp are of another clock.
+constexpr double kSameClock_s = 2.0;
 
 Span span_of(const std::vector<double>& values) {
   Span span;
@@ -35,50 +41,32 @@ Span span_of(const std::vector<double>& values) {
   return span;
 }
 
-}  // namespace
-
-std::vector<double> read_times(const std::string& path) {
-  const std::string text = read_text(path);
-  std::vector<double> times;
-  for (const std::string_view line : split_lines(text)) {
-    const std::vector<double> numbers = parse_numbers(line);
-    if (!numbers.empty()) times.push_back(numbers[0]);
+/// The span of the values within `reach` of `centre`; those of points without a return are often 0.
+Span span_near(const std::vector<double>& values, double centre, double reach) {
+  Span span;
+  std::size_t inside = 0;
+  for (const double v : values) {
+    if (!(std::abs(v - centre) <= reach)) continue;
+    ++inside;
+    span.low = std::min(span.low, v);
+    span.high = std::max(span.high, v);
   }
-  return times;
+  span.finite = inside > 0;
+  span.share = values.empty() ? 0.0 : static_cast<double>(inside) / static_cast<double>(values.size());
+  return span;
 }
+
+}  // namespace
 
 std::vector<std::int64_t> make_stamps(const std::vector<double>& times_s, std::size_t n,
                                       const std::string& what, std::vector<std::string>& warnings) {
-  std::vector<std::int64_t> stamps;
-  std::string complaint;
-  if (times_s.empty()) complaint = "no times";
-  for (std::size_t i = 0; i < std::min(n, times_s.size()) && complaint.empty(); ++i) {
-    // Half of what 64 bits hold: differences of stamps must fit, too.
-    if (!std::isfinite(times_s[i]) || std::abs(times_s[i]) > 4e12) {
-      complaint = "a time that is not finite, for scan " + std::to_string(i);
-      break;
-    }
-    const auto stamp = static_cast<std::int64_t>(std::llround(times_s[i] * 1e6));
-    if (!stamps.empty() && stamp <= stamps.back())
-      complaint = "times that do not rise, at scan " + std::to_string(i);
-    stamps.push_back(stamp);
-  }
-  if (!complaint.empty()) {
-    warnings.push_back(what + " has " + complaint + ": assuming 10 scans a second");
-    stamps.clear();
-    for (std::size_t i = 0; i < n; ++i) stamps.push_back(static_cast<std::int64_t>(i) * kAssumedSweep_us);
-    return stamps;
-  }
-  if (stamps.size() < n) {
-    std::vector<double> steps;
-    for (std::size_t i = 1; i < stamps.size(); ++i)
-      steps.push_back(static_cast<double>(stamps[i] - stamps[i - 1]));
-    const std::int64_t step = steps.empty() ? kAssumedSweep_us : static_cast<std::int64_t>(median(steps));
-    warnings.push_back(what + " has " + std::to_string(stamps.size()) + " times for " + std::to_string(n) +
-                       " scans: the rest is continued evenly");
-    while (stamps.size() < n) stamps.push_back(stamps.back() + step);
-  }
-  return stamps;
+  std::vector<double> times = times_s;
+  times.resize(n, std::numeric_limits<double>::quiet_NaN());
+  MendOptions options;
+  options.may_reorder = false;
+  MendedStamps mended = mend_stamps(times, what, options);
+  warnings.insert(warnings.end(), mended.warnings.begin(), mended.warnings.end());
+  return std::move(mended.stamps_us);
 }
 
 std::int64_t estimate_sweep(const std::vector<std::int64_t>& stamps) {
@@ -97,31 +85,71 @@ std::int64_t estimate_sweep(const std::vector<std::int64_t>& stamps) {
   return typical > 210'000.0 ? kAssumedSweep_us : static_cast<std::int64_t>(typical);
 }
 
-TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us,
-                        double known_unit_s) {
-  std::vector<double> spans;
-  std::vector<double> lows;
-  bool in_unit_interval = true;
-  for (const auto& sample : samples) {
-    const Span s = span_of(sample);
-    if (!s.finite || !(s.high > s.low)) continue;
-    spans.push_back(s.high - s.low);
-    lows.push_back(s.low);
-    in_unit_interval = in_unit_interval && s.low >= -1e-3 && s.high <= 1.001;
+namespace {
+
+/// The unit in which times lie near the stamps of their scans; 0 if there is none.
+double absolute_unit(const std::vector<std::vector<double>>& samples,
+                     const std::vector<std::int64_t>& stamps_us) {
+  if (samples.empty() || stamps_us.size() != samples.size()) return 0.0;
+  for (const double unit : {1.0, 1e-3, 1e-6, 1e-9}) {
+    std::size_t near = 0;
+    for (std::size_t k = 0; k < samples.size(); ++k) {
+      const double stamp_s = static_cast<double>(stamps_us[k]) * 1e-6;
+      if (std::abs(stamp_s) < kSameClock_s * 10.0) continue;  // near zero everything is near
+      const Span s = span_near(samples[k], stamp_s / unit, kSameClock_s / unit);
+      near += s.high > s.low && s.share > 0.5 ? 1 : 0;
+    }
+    if (2 * near > samples.size()) return unit;
   }
+  return 0.0;
+}
+
+/// Spans of the samples that can be used, in raw units, and where they begin after their stamps.
+struct Measured {
+  std::vector<double> spans, lows;
+  bool in_unit_interval = true;
+};
+
+Measured measure(const std::vector<std::vector<double>>& samples, const std::vector<std::int64_t>& stamps_us,
+                 double absolute) {
+  Measured m;
+  for (std::size_t k = 0; k < samples.size(); ++k) {
+    const double stamp = absolute > 0.0 ? static_cast<double>(stamps_us[k]) * 1e-6 / absolute : 0.0;
+    const Span s =
+        absolute > 0.0 ? span_near(samples[k], stamp, kSameClock_s / absolute) : span_of(samples[k]);
+    if (!s.finite || !(s.high > s.low)) continue;
+    m.spans.push_back(s.high - s.low);
+    m.lows.push_back(s.low - stamp);
+    m.in_unit_interval = m.in_unit_interval && s.low >= -1e-3 && s.high <= 1.001;
+  }
+  return m;
+}
+
+}  // namespace
+
+TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us,
+                        double known_unit_s, const std::vector<std::int64_t>& stamps_us) {
+  const double absolute = absolute_unit(samples, stamps_us);
+  const Measured m = measure(samples, stamps_us, absolute);
   TimeUnit result;
   result.duration_us = step_us;
-  if (spans.empty()) return result;
-  const double span = median(spans);  // one damaged scan must not set the measure
+  if (m.spans.empty()) return result;
+  const double span = median(m.spans);  // one damaged scan must not set the measure
   const double step_s = static_cast<double>(step_us) * 1e-6;
   const auto fits = [&](double low, double high) {
     for (const double unit : {1.0, 1e-3, 1e-6, 1e-9})
       if (span * unit >= low * step_s && span * unit <= high * step_s) return unit;
     return 0.0;
   };
-  if (known_unit_s > 0.0 && span * known_unit_s < 10.0) result.unit_s = known_unit_s;
+  if (absolute > 0.0 && span * absolute >= 0.001 * step_s) {
+    result.unit_s = absolute;
+    result.absolute = true;
+  }
+  if (result.unit_s == 0.0 && known_unit_s > 0.0 && span * known_unit_s < 10.0) result.unit_s = known_unit_s;
   if (result.unit_s == 0.0) result.unit_s = fits(0.3, 1.3);
-  if (result.unit_s == 0.0 && in_unit_interval && span > 0.5) {
+  // Sweeps that overlap: several sensors take turns. Below what 0..1 is of a sweep of 5 Hz.
+  if (result.unit_s == 0.0) result.unit_s = fits(1.3, 4.0);
+  if (result.unit_s == 0.0 && m.in_unit_interval && span > 0.5) {
     result.normalised = true;
     return result;
   }
@@ -129,17 +157,32 @@ TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::in
   if (result.unit_s == 0.0) result.unit_s = fits(0.0013, 0.3);
   if (result.unit_s > 0.0) {
     result.duration_us = std::max<std::int64_t>(std::llround(span * result.unit_s * 1e6), 1);
-    const double low = median(lows) * result.unit_s * 1e6;
-    if (low < 0.0 && low > -2.0 * static_cast<double>(result.duration_us))
+    const double low = median(m.lows) * result.unit_s * 1e6;
+    if (result.absolute || (low < 0.0 && low > -2.0 * static_cast<double>(result.duration_us)))
       result.start_us = std::llround(low);
   }
   return result;
 }
 
+std::string describe(const TimeUnit& unit) {
+  if (unit.normalised) return "0..1 of the sweep";
+  if (unit.unit_s == 0.0) return "an unknown unit, stretched over the sweep";
+  return std::string(name_of_unit(unit.unit_s)) + (unit.absolute ? ", absolute" : "");
+}
+
 void apply_times(const std::vector<double>& raw, const TimeUnit& unit, Scan& scan) {
   scan.time.clear();
   if (raw.size() != scan.size()) return;
-  const Span span = span_of(raw);
+  Span span = span_of(raw);
+  if (unit.absolute) {
+    const Span near =
+        span_near(raw, static_cast<double>(scan.utime) * 1e-6 / unit.unit_s, kSameClock_s / unit.unit_s);
+    if (near.finite && near.high > near.low && near.share > 0.5) {
+      span.low = near.low;
+      span.high = near.high;
+      scan.utime = std::llround(span.low * unit.unit_s * 1e6);
+    }
+  }
   if (!span.finite || !(span.high > span.low)) return;
   double offset = 0.0;
   double scale = 1.0;
@@ -147,13 +190,31 @@ void apply_times(const std::vector<double>& raw, const TimeUnit& unit, Scan& sca
     const double duration =
         unit.unit_s > 0.0 ? static_cast<double>(unit.duration_us) * 1e-6 / unit.unit_s : span.high - span.low;
     // Times within a sweep begin near the drive's usual start; anything else counts from another zero.
-    offset = unit.unit_s > 0.0 ? static_cast<double>(unit.start_us) * 1e-6 / unit.unit_s : span.low;
+    offset = unit.unit_s > 0.0 && !unit.absolute ? static_cast<double>(unit.start_us) * 1e-6 / unit.unit_s
+                                                 : span.low;
     if (span.low < offset - 0.5 * duration || span.high > offset + 1.5 * duration) offset = span.low;
     scale = 1.0 / duration;
   }
   scan.time.resize(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i)
     scan.time[i] = static_cast<float>(std::clamp((raw[i] - offset) * scale, 0.0, 1.0));
+}
+
+TimeSamples sample_times(const std::vector<std::int64_t>& stamps_us,
+                         const std::function<void(std::size_t, PointFile&)>& read) {
+  TimeSamples samples;
+  for (std::size_t i = 0; i < std::min<std::size_t>(stamps_us.size(), 5); ++i) {
+    try {
+      PointFile file;
+      read(i, file);
+      if (file.raw_time.empty()) continue;
+      samples.raw.push_back(std::move(file.raw_time));
+      samples.stamps_us.push_back(stamps_us[i]);
+    } catch (const Error&) {
+      continue;
+    }
+  }
+  return samples;
 }
 
 }  // namespace hp2

@@ -175,18 +175,64 @@ TEST(FolderDrive, MissingScansTakeTheLinesOfTheirNumbers) {
   EXPECT_NEAR(source->ground_truth()[2].pose.translation.x(), 4.0, 1e-12);
 }
 
-TEST(FolderDrive, BadTimesGiveTenHertzAndAWord) {
+TEST(FolderDrive, BadTimesAreMendedOrTenHertzAndReported) {
   for (const std::string times :
-       {"0\n0.1\n0.05\n", "5\n5\n5\n", "0\nnan\n0.2\n", "0\ninf\n1\n", "0\n0.1\n1e300\n", ""}) {
+       {"0\n0.1\n0.05\n", "5\n5\n5\n", "0\nnan\n0.2\n", "0\n0.1\ninf\n", "0\n0.1\n1e300\n", ""}) {
     const TemporaryFolder folder;
     write_generic(folder, 3, true);
     folder.write("times.txt", times);
     const auto source = open_source(folder.path());
-    ASSERT_EQ(source->warnings().size(), 1U) << times;
-    EXPECT_THAT(source->warnings()[0], HasSubstr("10 scans a second"));
-    EXPECT_EQ(source->read(2).utime - source->read(1).utime, 100'000);
-    EXPECT_EQ(source->read(2).duration_us, 100'000);
+    EXPECT_FALSE(source->warnings().empty()) << times;
+    EXPECT_EQ(source->read(2).utime - source->read(1).utime, 100'000) << times;
+    EXPECT_EQ(source->read(2).duration_us, 100'000) << times;
   }
+}
+
+TEST(FolderDrive, ReadsTimesInOtherUnitsAndForms) {
+  const std::string iso = "2020-09-13T12:26:40.05Z\n2020-09-13T12:26:40.15Z\n2020-09-13T12:26:40.25Z\n";
+  for (const std::string times :
+       {"1600000000.05\n1600000000.15\n1600000000.25\n", "1600000000050\n1600000000150\n1600000000250\n",
+        "1600000000050000\n1600000000150000\n1600000000250000\n",
+        "1600000000050000000\n1600000000150000000\n1600000000250000000\n",
+        "\xef\xbb\xbf# seconds\r\n1600000000.05\r\n1600000000.15\r\n1600000000.25\r\n",
+        "frame,timestamp\n0,1600000000.05\n1,1600000000.15\n2,1600000000.25\n",
+        "1600000000 50000000\n1600000000 150000000\n1600000000 250000000\n", iso.c_str()}) {
+    const TemporaryFolder folder;
+    write_generic(folder, 3, true);
+    folder.write("times.txt", times);
+    const auto source = open_source(folder.path());
+    EXPECT_NEAR(static_cast<double>(source->read(1).utime), 1'600'000'000'100'000.0, 1.0) << times;
+    EXPECT_EQ(source->read(2).utime_end() - source->read(1).utime_end(), 100'000) << times;
+  }
+}
+
+TEST(FolderDrive, LeavesOutCopiesAndKeepsLinesOfPosesWithTheirScans) {
+  const TemporaryFolder folder;
+  write_generic(folder, 12, true);
+  std::string times;
+  for (int i = 0; i < 12; ++i) times += std::to_string(100.0 + 0.1 * (i >= 6 ? i - 1 : i)) + "\n";
+  folder.write("times.txt", times);  // file 6 is a copy of file 5, with its stamp
+  folder.write("velodyne/000006.bin", bin_of(make_points(10, 5)));
+  const auto source = open_source(folder.path());
+  ASSERT_EQ(source->size(), 11U);
+  EXPECT_THAT(source->warnings().at(0), HasSubstr("1 scan (scan 6) with the same stamp and points"));
+  test::expect_same_points(source->read(6), make_points(12, 7));
+  EXPECT_NEAR(source->ground_truth()[6].pose.translation.x(), 7.5, 0.3);
+}
+
+TEST(FolderDrive, ReadsGroundTruthOfTimesAndPoses) {
+  const TemporaryFolder folder;
+  write_generic(folder, 4, true);
+  std::string poses = "# time x y z qx qy qz qw\n";
+  for (int i = 0; i < 8; ++i)
+    poses += std::to_string(99.95 + 0.1 * i) + " " + std::to_string(i) + " 0 0 0 0 0 1\n";
+  folder.write("poses.txt", poses);
+  const auto source = open_source(folder.path());
+  EXPECT_TRUE(source->warnings().empty());
+  ASSERT_EQ(source->ground_truth().size(), 4U);  // sweep 0 ends at 100.05
+  EXPECT_NEAR(source->ground_truth()[2].pose.translation.x(), 3.0, 1e-5);
+  folder.write("poses.txt", "5000 0 0 0 0 0 0 1\n5001 0 0 0 0 0 0 1\n");
+  EXPECT_THAT(open_source(folder.path())->warnings().at(0), HasSubstr("not of the scans' clock"));
 }
 
 TEST(FolderDrive, ShortOrBrokenPosesCoverWhatTheyCover) {
