@@ -1,6 +1,7 @@
 # The Debian packages: cpack -G DEB in the build folder; scripts/package.sh does all of it.
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_NAME hp2-slam)
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "LiDAR SLAM with an adaptive hybrid ICP, over LCM")  # first line of each package
 set(CPACK_PACKAGE_VENDOR "HP2-SLAM")
 set(CPACK_PACKAGE_CONTACT "The HP2-SLAM authors <hp2-slam@example.org>")
 set(CPACK_PACKAGE_HOMEPAGE_URL "https://example.org/hp2-slam")
@@ -22,12 +23,10 @@ endif()
 set(CPACK_COMPONENTS_ALL runtime dev)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME hp2-slam)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SECTION science)
-set(CPACK_DEBIAN_RUNTIME_PACKAGE_DEPENDS "bash (>= 5), iproute2, util-linux")
+set(CPACK_DEBIAN_RUNTIME_PACKAGE_DEPENDS iproute2)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_RECOMMENDS "python3, liblcm-bin")
-set(CPACK_COMPONENT_RUNTIME_DESCRIPTION "LiDAR SLAM with an adaptive hybrid ICP, over LCM
- Scans of a LiDAR go in, a globally consistent trajectory and a map come out.
- Player, front-end, back-end and headless viewer are processes of their own,
- and hp2-slam runs them with one command.")
+set(CPACK_COMPONENT_RUNTIME_DESCRIPTION  # one line: cpack 3.25 does not end with several
+  "Scans of a LiDAR go in, a globally consistent trajectory and a map come out.")
 set(CPACK_DEBIAN_RUNTIME_DEBUGINFO_PACKAGE ON)
 
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME hp2-slam-dev)
@@ -35,10 +34,8 @@ set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
   "libeigen3-dev, libspdlog-dev, libyaml-cpp-dev, nlohmann-json3-dev, robin-map-dev, liblcm-dev")
 set(CPACK_DEBIAN_DEV_PACKAGE_SHLIBDEPS OFF)
-set(CPACK_COMPONENT_DEV_DESCRIPTION "LiDAR odometry of HP2-SLAM as C++ libraries
- Headers and static libraries of the odometry, the registration and the
- evaluation, headers of the LCM message types, a CMake package (find_package
- hp2), and an example that embeds the odometry without LCM.")
+set(CPACK_COMPONENT_DEV_DESCRIPTION
+  "Headers and static libraries of odometry and evaluation, and find_package(hp2).")
 
 # changelog and copyright of each package, as Debian wants them
 string(TIMESTAMP date "%a, %d %b %Y %H:%M:%S +0000" UTC)
@@ -59,17 +56,13 @@ endfunction()
 execute_process(COMMAND ${GZIP} -9nc ${folder}/changelog OUTPUT_FILE ${folder}/changelog.Debian.gz COMMAND_ERROR_IS_FATAL ANY)
 hp2_documentation(runtime hp2-slam)
 hp2_documentation(dev hp2-slam-dev)
-install(DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/debian/lintian/ DESTINATION ${CMAKE_INSTALL_DATADIR}/lintian/overrides COMPONENT runtime
-  FILES_MATCHING PATTERN hp2-slam)
 if(HP2_WITH_PYTHON)
   list(APPEND CPACK_COMPONENTS_ALL python)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-hp2slam)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= 3.11), python3 (<< 3.12), python3-numpy")
-  set(CPACK_COMPONENT_PYTHON_DESCRIPTION "LiDAR odometry and sessions of HP2-SLAM in Python
- Opens sessions (poses as NumPy arrays, points of the map, closures), runs the
- odometry on arrays, scores trajectories, and sends scans and receives poses
- over LCM with the message types of HP2-SLAM.")
+  set(CPACK_COMPONENT_PYTHON_DESCRIPTION
+    "For Python: stored sessions, odometry on arrays, evaluation, LCM messages.")
   hp2_documentation(python python3-hp2slam)
 endif()
 include(CPack)
