@@ -1,13 +1,17 @@
 #include "common/config.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <filesystem>
 #include <numeric>
+#include <set>
 #include <sstream>
 
 #include <yaml-cpp/yaml.h>
 
 #include "common/error.hpp"
+#include "common/text.hpp"
 
 namespace hp2 {
 namespace {
@@ -25,6 +29,15 @@ std::size_t edit_distance(const std::string& a, const std::string& b) {
     }
   }
   return row.back();
+}
+
+// Letters alone, in lower case: voxelSize, voxel-size and VOXEL_SIZE are the same word.
+std::string simplified(const std::string& word) {
+  std::string out;
+  for (const char c : word)
+    if (std::isalnum(static_cast<unsigned char>(c)) != 0)
+      out += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return out;
 }
 
 template <class T>
@@ -65,6 +78,12 @@ std::string join(const std::vector<std::string>& words) {
   return all;
 }
 
+// @throws Error for a key that is a list or a map
+std::string name_of(const YAML::Node& node, const std::function<std::string(const YAML::Node&)>& where) {
+  if (!node.IsScalar()) throw Error("a key is no word", where(node), "Write \"key: value\" lines.");
+  return node.as<std::string>();
+}
+
 std::string line_of(const std::string& path, const YAML::Node& node) {
   return path + ", line " + std::to_string(node.Mark().line + 1);
 }
@@ -72,10 +91,29 @@ std::string line_of(const std::string& path, const YAML::Node& node) {
 }  // namespace
 
 std::string nearest_word(const std::string& word, const std::vector<std::string>& known) {
-  const auto best = std::min_element(known.begin(), known.end(), [&](const auto& a, const auto& b) {
-    return edit_distance(word, a) < edit_distance(word, b);
-  });
+  const std::string wanted = simplified(word);
+  const auto distance = [&](const std::string& candidate) {
+    const std::string other = simplified(candidate);
+    // Half a name, or one with its unit, is nearer than another name with as many letters changed.
+    const bool part = std::min(wanted.size(), other.size()) >= 3 &&
+                      (other.find(wanted) != std::string::npos || wanted.find(other) != std::string::npos);
+    const auto letters = static_cast<double>(edit_distance(wanted, other));
+    return part ? std::min(letters, 0.5 + 0.1 * letters) : letters;
+  };
+  const auto best = std::min_element(known.begin(), known.end(),
+                                     [&](const auto& a, const auto& b) { return distance(a) < distance(b); });
   return best == known.end() ? std::string() : *best;
+}
+
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& known,
+                         const std::string& prefix) {
+  const std::string nearest = nearest_word(word, known);
+  const std::string a = simplified(word), b = simplified(nearest);
+  const bool part =
+      std::min(a.size(), b.size()) >= 3 && (b.find(a) != std::string::npos || a.find(b) != std::string::npos);
+  if (part || edit_distance(a, b) <= std::max<std::size_t>(1, std::min(a.size(), b.size()) / 2))
+    return "Did you mean \"" + prefix + nearest + "\"?";
+  return "Known are: " + join(known) + ".";
 }
 
 void ConfigSection::add(const std::string& key, double& value, const std::string& doc, double min,
@@ -117,8 +155,7 @@ void ConfigSection::add(const std::string& key, std::string& value, const std::s
                        if (!choices.empty() &&
                            std::find(choices.begin(), choices.end(), v) == choices.end()) {
                          throw Error("the value \"" + v + "\" is not known", where,
-                                     "Did you mean \"" + nearest_word(v, choices) +
-                                         "\"? The choices are: " + join(choices) + ".");
+                                     did_you_mean(v, choices) + " The choices are: " + join(choices) + ".");
                        }
                        value = v;
                      },
@@ -130,16 +167,34 @@ void Config::ignore(const std::vector<std::string>& section_names) {
 }
 
 void Config::load(const std::string& path) {
+  std::error_code failed;
+  const auto kind = std::filesystem::status(path, failed).type();
+  if (kind == std::filesystem::file_type::directory) {
+    throw Error("the configuration is a folder", path, "Name the YAML file in it.");
+  }
+  // A pipe that nobody writes to would be waited for.
+  if (!failed && kind != std::filesystem::file_type::regular &&
+      kind != std::filesystem::file_type::not_found) {
+    throw Error("the configuration is no file, but a pipe or a device", path,
+                "Write it to a file; it is read several times.");
+  }
   YAML::Node root;
   try {
-    root = YAML::LoadFile(path);
+    const std::vector<YAML::Node> documents = YAML::LoadAllFromFile(path);
+    if (documents.size() > 1) {
+      throw Error("the configuration holds " + std::to_string(documents.size()) + " YAML documents", path,
+                  "Keep one: remove the \"---\" between them and join their sections.");
+    }
+    if (!documents.empty()) root = documents.front();
   } catch (const YAML::BadFile&) {
+    throw Error("the configuration cannot be read", path, "Check that the file exists and is readable.");
+  } catch (const std::ios_base::failure&) {
     throw Error("the configuration cannot be read", path, "Check that the file exists and is readable.");
   } catch (const YAML::Exception& e) {
     throw Error("the configuration is not valid YAML", path + ", line " + std::to_string(e.mark.line + 1),
                 "Mend it there: " + e.msg + ".");
   }
-  if (root.IsNull()) return;
+  if (!root.IsDefined() || root.IsNull()) return;
   if (!root.IsMap()) {
     throw Error("the configuration is not a map of sections", path,
                 "Write \"section:\" lines with keys below them.");
@@ -162,29 +217,46 @@ void Config::set(const std::string& assignment) {
 void Config::apply(const YAML::Node& root, const std::function<std::string(const YAML::Node&)>& where) {
   std::vector<std::string> names = ignored_;
   for (const auto& s : sections_) names.push_back(s.name_);
+  std::set<std::string> seen_sections;
   for (const auto& entry : root) {
-    const auto name = entry.first.as<std::string>();
+    const auto name = name_of(entry.first, where);
+    if (!seen_sections.insert(name).second) {
+      throw Error("the section \"" + name + "\" is there twice", where(entry.first), "Join the two.");
+    }
     const auto section =
         std::find_if(sections_.begin(), sections_.end(), [&](const auto& s) { return s.name_ == name; });
     if (section == sections_.end()) {
       if (std::find(ignored_.begin(), ignored_.end(), name) != ignored_.end()) continue;
-      throw Error("unknown section \"" + name + "\"", where(entry.first),
-                  "Did you mean \"" + nearest_word(name, names) + "\"?");
+      throw Error("unknown section \"" + name + "\"", where(entry.first), did_you_mean(name, names));
     }
     if (entry.second.IsNull()) continue;
     if (!entry.second.IsMap()) {
       throw Error("section \"" + name + "\" is not a map", where(entry.first),
                   "Write \"key: value\" lines, indented below it.");
     }
+    std::set<std::string> seen_keys;
     for (const auto& item : entry.second) {
-      const auto key = item.first.as<std::string>();
+      const auto key = name_of(item.first, where);
+      if (!seen_keys.insert(key).second) {
+        throw Error("the key \"" + name + "." + key + "\" is there twice", where(item.first),
+                    "Keep one of them.");
+      }
       const auto field = std::find_if(section->fields_.begin(), section->fields_.end(),
                                       [&](const auto& f) { return f.key == key; });
       if (field == section->fields_.end()) {
         std::vector<std::string> keys;
         for (const auto& f : section->fields_) keys.push_back(f.key);
+        // A key of that name in another section is more likely meant than a similar one here.
+        for (const auto& other : sections_) {
+          for (const auto& f : other.fields_) {
+            if (f.key != key) continue;
+            throw Error("unknown key \"" + name + "." + key + "\"", where(item.first),
+                        "It belongs to the section \"" + other.name_ + "\": write it as " + other.name_ +
+                            "." + key + ".");
+          }
+        }
         throw Error("unknown key \"" + name + "." + key + "\"", where(item.first),
-                    "Did you mean \"" + name + "." + nearest_word(key, keys) + "\"?");
+                    did_you_mean(key, keys, name + "."));
       }
       field->read(item.second, where(item.first) + ", key \"" + name + "." + key + "\"");
     }

@@ -28,7 +28,13 @@ Drive open_drive(const std::string& spec, const std::string& format, const Sourc
 }  // namespace
 
 std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOptions& options) {
-  if (spec.rfind("synthetic:", 0) == 0) return open_synthetic(spec, options);
+  if (spec.rfind("synthetic:", 0) == 0) {
+    if (!options.dataset.empty() && options.dataset != "synthetic") {
+      throw Error("a synthetic drive has no other format", "--dataset " + options.dataset,
+                  "Leave --dataset out, or name the drive's folder.");
+    }
+    return open_synthetic(spec, options);
+  }
   if (!is_folder(spec) && !is_file(spec))
     throw Error("there is no such folder or file", spec,
                 "Name a drive's folder (its format is recognised) or synthetic:SCENE[:SEED].");

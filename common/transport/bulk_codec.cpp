@@ -8,6 +8,7 @@
 #include <immintrin.h>
 #endif
 
+#include "common/error.hpp"
 #include "common/transport/convert_checks.hpp"
 #include "common/transport/crc32.hpp"
 
@@ -99,6 +100,13 @@ void take_floats(std::size_t n, const std::uint8_t*& from, std::vector<float>& v
 
 }  // namespace
 
+void check_scan_limits(const Scan& scan, const std::string& where) {
+  if (scan.size() <= kMaxScanPoints) return;
+  throw Error("a scan has " + std::to_string(scan.size()) + " points, more than the " +
+                  std::to_string(kMaxScanPoints) + " that can be sent",
+              where, "Thin it out, or split it into several scans, before it is played.");
+}
+
 // lcm-gen encodes the fields before the arrays, as a scan without points.
 ByteVector encode_scan(const Scan& scan, std::uint32_t* crc) {
   scan_t m{};
@@ -131,7 +139,6 @@ std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan
   head.resize(head.size() + 3 * kWord);  // no points, no intensities, no times
   scan_t m{};
   m.decode(head.data(), 0, static_cast<int>(head.size()));
-  constexpr std::int64_t kLongestSweepUs = 60'000'000;
   if (!sane_time(m.utime) || m.duration < 0 || m.duration > kLongestSweepUs || m.sequence < -1 ||
       !sane_time(m.sequence)) {
     return std::nullopt;

@@ -6,11 +6,9 @@
 #include "common/scan.hpp"
 #include "common/transport/byte_vector.hpp"
 #include "common/transport/layout.hpp"
+#include "common/transport/limits.hpp"
 
 namespace hp2 {
-
-/// Most points that a scan may have; more is taken for an error.
-inline constexpr std::size_t kMaxScanPoints = 4'000'000;
 
 /// A scan as scan_t for session 0 ("whichever the receiver runs").
 /// @param crc takes the bytes' CRC-32 if it is not null, summed while they are in the processor's cache

@@ -5,6 +5,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "common/text.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/inbox.hpp"
 #include "common/transport/outbox.hpp"
@@ -56,7 +57,8 @@ void Endpoint::on_offer(const std::uint8_t* data, std::size_t size) {
   offer_t offer;
   if (!safe_decode(data, size, offer)) return reject(kOfferChannel, "not a valid offer_t");
   if (offer.session_id <= 0 || offer.sender_id == 0 || offer.first_id < 0 || offer.next_id < offer.first_id) {
-    return reject(kOfferChannel, "impossible numbers in an offer of topic " + offer.topic.substr(0, 40));
+    return reject(kOfferChannel,
+                  "impossible numbers in an offer of topic " + printable(offer.topic.substr(0, 40)));
   }
   if (offer.sender_id == sender_id_) return;
   if (session_id_ == 0 && adopt_from_.count(offer.topic) != 0) {

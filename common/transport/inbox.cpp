@@ -19,7 +19,7 @@ constexpr std::int64_t kAcknowledgePeriodUs = 10'000;
 constexpr std::int64_t kRepeatAcknowledgeUs = 100'000;
 constexpr int kOvertakenMeansLost = 3;  // pieces asked for later that came first
 constexpr std::size_t kMostUnasked = 6;
-constexpr std::int64_t kUnaskedPatienceUs = 100'000;
+constexpr std::int64_t kUnaskedPatienceUs = 100'000, kUnaskedTimeoutUs = 2'000'000;
 constexpr std::int32_t kMostPieces = 1 << 16;
 
 }  // namespace
@@ -89,10 +89,15 @@ void Inbox::on_chunk(const std::uint8_t* data, std::size_t size) {
   if (chunk.session_id != 0 && chunk.session_id != endpoint_.session_id()) return;
   if (chunk.sender_id == endpoint_.sender_id()) return;
   if (chunk.count < 1 || chunk.count > kMostPieces || chunk.index < 0 || chunk.index >= chunk.count ||
-      chunk.total_size < 8 || static_cast<std::size_t>(chunk.total_size) > options_.max_message_bytes ||
-      chunk.count > chunk.total_size || chunk.size < 1 || chunk.offset < 0 ||
+      chunk.total_size < 8 || chunk.count > chunk.total_size || chunk.size < 1 || chunk.offset < 0 ||
       chunk.offset > chunk.total_size - chunk.size || chunk.message_id < 0 || chunk.sender_id == 0) {
     return endpoint_.reject(chunk_channel(options_.topic), "impossible numbers in a chunk");
+  }
+  if (static_cast<std::size_t>(chunk.total_size) > options_.max_message_bytes) {
+    return endpoint_.reject(chunk_channel(options_.topic),
+                            "message " + std::to_string(chunk.message_id) + " has " +
+                                std::to_string(chunk.total_size) + " bytes; at most " +
+                                std::to_string(options_.max_message_bytes) + " are taken");
   }
   if (!offer_ || chunk.sender_id != offer_->sender_id) {
     if (options_.accept_unasked) take_unasked(*view);
@@ -149,15 +154,25 @@ bool Inbox::intact(const Assembly& a) {
   return false;
 }
 
+std::size_t Inbox::unasked_bytes() const {
+  std::size_t bytes = 0;
+  for (const auto& entry : unasked_) bytes += entry.second.bytes ? entry.second.bytes->size() : 0;
+  return bytes;
+}
+
 void Inbox::take_unasked(const ChunkView& view) {
   const chunk_t& chunk = view.fields;
   const auto key = std::make_pair(chunk.sender_id, chunk.message_id);
   auto it = unasked_.find(key);
   if (it == unasked_.end()) {
-    if (unasked_.size() >= kMostUnasked) {
-      unasked_.erase(std::min_element(unasked_.begin(), unasked_.end(), [](const auto& a, const auto& b) {
-        return a.second.touched_us < b.second.touched_us;
-      }));
+    // What is begun and never ended must not fill the memory.
+    std::size_t bytes = static_cast<std::size_t>(chunk.total_size) + unasked_bytes();
+    while (!unasked_.empty() && (unasked_.size() >= kMostUnasked || bytes > 2 * options_.max_message_bytes)) {
+      const auto oldest = std::min_element(
+          unasked_.begin(), unasked_.end(),
+          [](const auto& a, const auto& b) { return a.second.touched_us < b.second.touched_us; });
+      bytes -= oldest->second.bytes ? oldest->second.bytes->size() : 0;
+      unasked_.erase(oldest);
       ++endpoint_.counters()["lost"];
     }
     it = unasked_.emplace(key, Assembly{}).first;
@@ -180,7 +195,7 @@ void Inbox::release_unasked() {
       const bool good = intact(a);
       unasked_.erase(it);
       if (good && on_unasked_) on_unasked_(std::move(delivery));
-    } else if (newer_waits && now - a.touched_us > kUnaskedPatienceUs) {
+    } else if (now - a.touched_us > (newer_waits ? kUnaskedPatienceUs : kUnaskedTimeoutUs)) {
       ++endpoint_.counters()["lost"];
       unasked_.erase(it);
     } else {

@@ -32,7 +32,7 @@ class Inbox {
     std::string topic;
     Order order = Order::kAll;
     int prefetch = 3;  ///< Messages that may be under way at once.
-    std::size_t max_message_bytes = std::size_t{256} << 20U;
+    std::size_t max_message_bytes = kMaxMessageBytes;
     bool accept_unasked =
         false;  ///< Also pieces that someone publishes without an offer (a recording, an injector).
   };
@@ -69,6 +69,9 @@ class Inbox {
   }
   /// Where unasked whole messages go (see Options::accept_unasked).
   void on_unasked(std::function<void(Delivery)> callback) { on_unasked_ = std::move(callback); }
+
+  /// Bytes held for unasked messages that are not whole yet.
+  std::size_t unasked_bytes() const;
 
   void on_offer(const offer_t& offer);
   void poll();

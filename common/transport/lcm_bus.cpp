@@ -1,10 +1,12 @@
 #include "common/transport/lcm_bus.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
+#include <fcntl.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -52,6 +54,23 @@ int granted_receive_buffer(const std::string& url) {
   return granted;
 }
 
+// LCM takes about ten, and does not say which of its calls failed for want of one.
+void check_descriptors() {
+  constexpr int kNeeded = 16;
+  std::array<int, kNeeded> opened{};
+  int n = 0;
+  while (n < kNeeded &&
+         (opened[static_cast<std::size_t>(n)] = ::open("/dev/null", O_RDONLY | O_CLOEXEC)) >= 0)
+    ++n;
+  const int reason = errno;
+  for (int i = 0; i < n; ++i) ::close(opened[static_cast<std::size_t>(i)]);
+  if (n == kNeeded) return;
+  throw Error("too few files can be opened",
+              std::string(std::strerror(reason)) + ", " + std::to_string(n) + " are left of " +
+                  std::to_string(kNeeded) + " that are needed",
+              "Allow more with ulimit -n, e.g. ulimit -n 1024.");
+}
+
 }  // namespace
 
 struct LcmBus::Subscription {
@@ -73,7 +92,9 @@ struct LcmBus::Lcm {
   std::vector<std::unique_ptr<Subscription>> subscriptions;
 };
 
-LcmBus::LcmBus(const std::string& url) : url_(full_url(url)), lcm_(std::make_unique<Lcm>(url_)) {
+LcmBus::LcmBus(const std::string& url) : url_(full_url(url)) {
+  check_descriptors();
+  lcm_ = std::make_unique<Lcm>(url_);
   if (!lcm_->lcm.good()) {
     throw Error("LCM cannot be started", url_,
                 "Check the URL (udpm://ADDRESS:PORT?ttl=0); if there is no route for multicast, run as root: "

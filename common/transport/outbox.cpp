@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/error.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/crc32.hpp"
 
@@ -25,7 +26,13 @@ EncodedMessage::EncodedMessage(ByteVector encoded, std::uint32_t sum)
     : bytes(std::move(encoded)),
       crc(sum),
       pieces(std::max(1, static_cast<int>((bytes.size() + kPieceBytes - 1) / kPieceBytes))),
-      sent(static_cast<std::size_t>(pieces), false) {}
+      sent(static_cast<std::size_t>(pieces), false) {
+  if (bytes.size() <= kMaxMessageBytes) return;
+  throw Error("a message is too large to be sent",
+              std::to_string(bytes.size() >> 20U) + " MiB; at most " +
+                  std::to_string(kMaxMessageBytes >> 20U) + " MiB go into one (kMaxMessageBytes)",
+              "Use fewer points a scan, shorter submaps or a larger voxel_size_m.");
+}
 
 Outbox::Outbox(Endpoint& endpoint, std::string topic, Provider provider)
     : endpoint_(endpoint), topic_(std::move(topic)), provider_(std::move(provider)) {

@@ -4,12 +4,14 @@
 #include <array>
 #include <cerrno>
 #include <csignal>
+#include <fstream>
 #include <tuple>
 #include <unistd.h>
 
 #include <spdlog/spdlog.h>
 
 #include "common/program.hpp"
+#include "common/text.hpp"
 #include "common/transport/channels.hpp"
 
 namespace hp2 {
@@ -29,13 +31,6 @@ constexpr int kStatusQueue = 64;
 std::string host_name() {
   std::array<char, 256> name{};
   return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
-}
-
-// Control characters would speak to the terminal of whoever lists the processes.
-void make_printable(std::string& text) {
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-  }
 }
 
 }  // namespace
@@ -118,8 +113,9 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
     return endpoint_.reject(kStatusChannel, "longer than any process writes");
   }
   if (m.sender_id == endpoint_.sender_id()) return;
-  for (auto* text : {&m.process, &m.text, &m.host, &m.version}) make_printable(*text);
-  for (auto& counter : m.counters) make_printable(counter.name);
+  // It would speak to the terminal of whoever lists the processes.
+  for (auto* text : {&m.process, &m.text, &m.host, &m.version}) *text = printable(*text);
+  for (auto& counter : m.counters) counter.name = printable(counter.name);
   if (peers_.size() >= kMostPeers && peers_.count(m.sender_id) == 0) {
     // Whoever floods the channel does not drive out this session's processes.
     const auto worth = [this](const Peer& p) {
@@ -156,14 +152,33 @@ bool Presence::missed(const Peer& peer) const {
   if (peer.status.state == status_t::FINISHED || peer.status.state == status_t::FAILED) return false;
   const std::int64_t silent_us = endpoint_.bus().now_us() - peer.heard_us;
   if (silent_us < kLiveUs) return true;
-  const bool dead = peer.status.host == host_ && peer.status.pid > 0 &&
-                    ::kill(static_cast<pid_t>(peer.status.pid), 0) != 0 && errno == ESRCH;
+  const bool dead = peer.status.host == host_ && peer.status.pid > 0 && !exists(peer);
   return !dead && silent_us < kMissedUs;
 }
 
 bool Presence::missed(std::int64_t sender_id) const {
   const auto peer = peers_.find(sender_id);
   return peer == peers_.end() || missed(peer->second);
+}
+
+bool Presence::exists(const Peer& peer) const {
+  if (peer.status.pid <= 0) return false;
+  if (::kill(static_cast<pid_t>(peer.status.pid), 0) != 0) return errno != ESRCH;
+  // One that was killed and that its parent has not asked for yet.
+  std::ifstream stat("/proc/" + std::to_string(peer.status.pid) + "/stat");
+  std::string line;
+  std::getline(stat, line);
+  const auto name_end = line.rfind(')');
+  return name_end == std::string::npos || line.find_first_of("ZX", name_end) != name_end + 2;
+}
+
+bool Presence::may_return(std::int64_t sender_id) const {
+  const auto at = peers_.find(sender_id);
+  if (at == peers_.end()) return true;
+  const Peer& peer = at->second;
+  const bool ended = peer.status.state == status_t::FINISHED || peer.status.state == status_t::FAILED;
+  if (ended) return false;
+  return peer.status.host == host_ ? exists(peer) : missed(peer);
 }
 
 std::vector<const Peer*> Presence::all_missed(const std::string& name) const {

@@ -59,6 +59,9 @@ class Presence {
   std::vector<const Peer*> all_missed(const std::string& name) const;
   /// Whether the sender of an offer may come back, as above; also one whose STATUS has not come yet.
   bool missed(std::int64_t sender_id) const;
+  /// Whether the sender of an offer is still there, even if it stands still: it has not said that it ended,
+  /// and its process exists. One on another machine counts as gone after 30 s of silence.
+  bool may_return(std::int64_t sender_id) const;
   /// This process's own status as it stands.
   status_t status() const;
   std::int64_t now_us() const { return endpoint_.bus().now_us(); }
@@ -68,6 +71,7 @@ class Presence {
  private:
   void on_status(const std::uint8_t* data, std::size_t size);
   bool missed(const Peer& peer) const;
+  bool exists(const Peer& peer) const;
 
   Endpoint& endpoint_;
   std::string process_, host_;

@@ -28,10 +28,10 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
       presence_(endpoint_, "hp2_frontend"),
       control_(endpoint_, "hp2_frontend", [this](const control_t& m, bool named) { on_command(m, named); }),
       resume_(endpoint_, {kResumeTopic, Inbox::Order::kLatest}, [this](const Delivery& d) { on_resume(d); }),
-      scans_(endpoint_, {kScanTopic, Inbox::Order::kAll, 4, std::size_t{128} << 20U, true},
+      scans_(endpoint_, {kScanTopic, Inbox::Order::kAll, 4, kMaxScanBytes, true},
              [this](Delivery d) { on_scan(std::move(d)); }),
       submaps_(endpoint_, !options.standalone),
-      live_(endpoint_, options.live_backlog),
+      live_(endpoint_, options.live_backlog, [this](const std::string& text) { presence_.warn(text); }),
       worker_(config, options.threads,
               [this](RegistrationEvent event) {
                 bus_.post([this, e = std::make_shared<RegistrationEvent>(std::move(event))] {
@@ -43,7 +43,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
     endpoint_.counters()[name] = 0;
   scans_.set_limit(kNothing);
   scans_.set_silent(true);
-  scans_.on_unasked([this](const Delivery& d) { live_.take(d.bytes->data(), d.bytes->size()); });
+  scans_.on_unasked([this](const Delivery& d) { live_.take(d.bytes->data(), d.bytes->size(), d.sender_id); });
   if (options_.standalone) {
     endpoint_.set_session(random_id());
   } else {
@@ -134,11 +134,21 @@ void FrontendProcess::skip_to_newest() {
 }
 
 void FrontendProcess::feed_live() {
-  live_.allow(scans_.offer() == nullptr);
+  // A player that stands still has not given up its drive, whose numbers no other scan may take.
+  const auto& offer = scans_.last_offer();
+  const bool owned = scans_.offer() != nullptr || (offer && presence_.may_return(offer->sender_id));
+  live_.refuse(
+      owned ? "a player plays this session's drive. Stop the sensor's driver, or give the run an LCM URL of "
+              "its own (--lcm-url)"
+            : "");
   if (!live_.active()) live_.set_next_sequence(last_given_ + 1);
+  live_.poll();
   while (!live_.empty() && in_worker_ < kInWorker / 2 && !submaps_.full()) {
     auto scan = live_.pop();
-    if (scan->sequence <= last_given_) continue;
+    if (scan->sequence <= last_given_) {  // a player has gone beyond it meanwhile
+      ++endpoint_.counters()["live_scans_dropped"];
+      continue;
+    }
     const std::int64_t sequence = last_given_ = scan->sequence;
     ++in_worker_;
     worker_.add({sequence, nullptr, std::move(scan), false});

@@ -1,60 +1,74 @@
 #include "frontend/process/live_scans.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include <spdlog/spdlog.h>
 
+#include "common/text.hpp"
 #include "common/transport/channels.hpp"
 
 namespace hp2 {
 namespace {
 
-constexpr std::int64_t kSilenceUs = 2'000'000;
 constexpr int kScanQueue = 16;
+constexpr std::size_t kLongestName = 60;
 
 }  // namespace
 
-LiveScans::LiveScans(Endpoint& endpoint, int backlog)
-    : endpoint_(endpoint), backlog_(static_cast<std::size_t>(backlog)) {
+LiveScans::LiveScans(Endpoint& endpoint, int backlog, Warn warn)
+    : endpoint_(endpoint), backlog_(static_cast<std::size_t>(backlog)), warn_(std::move(warn)) {
   endpoint_.bus().subscribe(
-      kScanChannel, [this](const auto* data, auto size) { take(data, size); }, kScanQueue);
+      kScanChannel, [this](const auto* data, auto size) { take(data, size, 0); }, kScanQueue);
 }
 
-bool LiveScans::active() const { return last_us_ != 0 && endpoint_.bus().now_us() - last_us_ < kSilenceUs; }
+bool LiveScans::active() const { return streams_.active(endpoint_.bus().now_us()); }
 
-void LiveScans::take(const std::uint8_t* data, std::size_t size) {
+void LiveScans::take(const std::uint8_t* data, std::size_t size, std::int64_t sender) {
   const std::int64_t now = endpoint_.bus().now_us();
-  if (!allowed_) {
+  if (!refused_because_.empty()) {
     ++endpoint_.counters()["live_scans_refused"];
-    if (last_refused_us_ == 0 || now - last_refused_us_ > kSilenceUs) {
-      spdlog::warn("live scans are refused while a player offers scans, or before the session has begun");
-      last_refused_us_ = now;
+    if (told_refusal_ != refused_because_) {
+      told_refusal_ = refused_because_;
+      warn_("live scans are refused and counted (live_scans_refused): " + refused_because_);
     }
     return;
   }
   auto scan = decode_scan(data, size);
-  if (!scan) return endpoint_.reject(kScanChannel, "not a valid scan_t");
-  if (!active()) {
-    spdlog::info("live scans begin at scan {}", next_);
-    offset_ = scan->sequence >= next_ || scan->sequence < 0 ? 0 : next_ - scan->sequence;
+  if (!scan) {
+    const std::string fault = scan_fault(data, size);
+    for (const auto& text : checks_.refused(fault)) warn_(text);
+    return endpoint_.reject(kScanChannel, fault);
   }
-  last_us_ = now;
-  if (scan->sequence < 0) {
-    scan->sequence = next_;
-  } else {
-    if (scan->sequence + offset_ < next_) {
-      // A replayed duplicate, or a driver that was started anew and counts from 0 again.
-      if (scan->sequence != 0) {
-        ++endpoint_.counters()["duplicates"];
-        return;
-      }
-      offset_ = next_;
-    }
-    scan->sequence += offset_;
-  }
-  next_ = scan->sequence + 1;
-  queue_.push_back(std::move(*scan));
-  if (queue_.size() > backlog_) {
+  scan->sensor = printable(scan->sensor.substr(0, kLongestName));
+  for (const auto& text : checks_.look_at(*scan, now)) warn_(text);
+  if (sender == 0) check_size(size);
+  if (!active()) spdlog::info("live scans begin at scan {}", streams_.next());
+  queue(streams_.take(std::move(*scan), sender, now));
+}
+
+// A whole scan that fills the receive buffer is lost as soon as this process is busy for a moment.
+void LiveScans::check_size(std::size_t size) {
+  const auto capacity = static_cast<std::size_t>(endpoint_.bus().receive_capacity()) * kPieceBytes;
+  if (told_size_ || 2 * size < capacity) return;
+  told_size_ = true;
+  warn_("live scans of " + std::to_string(size) +
+        " bytes come whole, and the receive buffer of this process holds about " + std::to_string(capacity) +
+        ": under load they are lost without a trace. Send them in pieces (chunk_t on HP2_CHUNK_SCAN), or "
+        "raise the buffer "
+        "as root: sysctl -w net.core.rmem_max=" +
+        std::to_string(std::max<std::size_t>(std::size_t{8} << 20U, 8 * size)) +
+        "; hp2_control check measures it");
+}
+
+void LiveScans::poll() { queue(streams_.poll(endpoint_.bus().now_us())); }
+
+void LiveScans::queue(std::vector<Scan> scans) {
+  for (const auto& [name, count] : streams_.take_counts()) endpoint_.counters()[name] += count;
+  for (const auto& text : streams_.take_remarks()) warn_(text);
+  if (scans.size() > 1) held_ += scans.size() - 1;
+  for (Scan& scan : scans) queue_.push_back(std::move(scan));
+  while (queue_.size() > backlog_ + held_) {
     queue_.pop_front();
     ++endpoint_.counters()["live_scans_dropped"];
   }
@@ -64,6 +78,7 @@ std::optional<Scan> LiveScans::pop() {
   if (queue_.empty()) return std::nullopt;
   Scan scan = std::move(queue_.front());
   queue_.pop_front();
+  held_ = std::min(held_, queue_.size());
   return scan;
 }
 

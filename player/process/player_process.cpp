@@ -38,6 +38,7 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
           [&source](std::int64_t id) {
             thread_local Scan scan;  // its memory is used for the next one
             scan = source.read(static_cast<std::size_t>(id), std::move(scan));
+            check_scan_limits(scan, source.info().path + ", scan " + std::to_string(id));
             std::uint32_t crc = 0;
             ByteVector bytes = encode_scan(scan, &crc);
             return EncodedMessage(std::move(bytes), crc);

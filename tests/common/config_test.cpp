@@ -1,5 +1,7 @@
 #include "common/config.hpp"
 
+#include <sys/stat.h>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -97,6 +99,53 @@ TEST_F(ConfigTest, PrintsAFileThatItReadsBack) {
   voxel_size_m = 1.0;
   load(text);
   EXPECT_EQ(voxel_size_m, 0.35);
+}
+
+TEST_F(ConfigTest, RefusesAKeyOrASectionThatIsThereTwice) {
+  EXPECT_THAT(error_of("frontend:\n  deskew: true\n  voxel_size_m: 0.5\n  deskew: false\n"),
+              AllOf(HasSubstr("frontend.deskew"), HasSubstr("twice"), HasSubstr("line 4")));
+  EXPECT_THAT(error_of("frontend:\n  deskew: true\nbackend:\n  a: 1\nfrontend:\n  deskew: false\n"),
+              AllOf(HasSubstr("\"frontend\""), HasSubstr("twice"), HasSubstr("line 5")));
+}
+
+TEST_F(ConfigTest, RefusesASecondDocument) {
+  EXPECT_THAT(error_of("frontend:\n  deskew: true\n---\nfrontend:\n  deskew: false\n"),
+              HasSubstr("2 YAML documents"));
+  EXPECT_EQ(error_of("---\nfrontend:\n  deskew: true\n"), "no error");
+}
+
+TEST_F(ConfigTest, RefusesFoldersAndPipesWithoutWaiting) {
+  const test::TemporaryFolder folder;
+  const auto error = [&](const std::string& path) -> std::string {
+    try {
+      config.load(path);
+    } catch (const Error& e) {
+      return e.what();
+    }
+    return "no error";
+  };
+  EXPECT_THAT(error(folder.path()), HasSubstr("is a folder"));
+  const std::string pipe = folder.path() + "/pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THAT(error(pipe), HasSubstr("a pipe or a device"));
+}
+
+TEST_F(ConfigTest, NamesTheKeyThatIsMeantOrNone) {
+  EXPECT_THAT(error_of("frontend:\n  voxel: 1\n"), HasSubstr("Did you mean \"frontend.voxel_size_m\"?"));
+  EXPECT_THAT(error_of("frontend:\n  MaxIterations: 1\n"),
+              HasSubstr("Did you mean \"frontend.max_iterations\"?"));
+  EXPECT_THAT(error_of("frontend:\n  iterations: 1\n"),
+              HasSubstr("Did you mean \"frontend.max_iterations\"?"));
+  EXPECT_THAT(error_of("frontend:\n  loop_distance: 1\n"),
+              AllOf(HasSubstr("Known are: voxel_size_m"), ::testing::Not(HasSubstr("Did you mean"))));
+}
+
+TEST_F(ConfigTest, NamesTheSectionThatAKeyBelongsTo) {
+  double overlap = 0.4;
+  ConfigSection closures("closures");
+  closures.add("min_overlap", overlap, "Least overlap");
+  config.add(std::move(closures));
+  EXPECT_THAT(error_of("frontend:\n  min_overlap: 1\n"), HasSubstr("closures.min_overlap"));
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "common/error.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/inbox.hpp"
 #include "common/transport/outbox.hpp"
@@ -253,6 +254,50 @@ TEST(Protocol, UnaskedPiecesAreTakenWhereAllowed) {
   EXPECT_EQ(listener.unasked, range(0, 10));
 }
 
+// The first piece of a message that nobody asked for.
+ByteVector first_piece(std::int64_t sender, std::int64_t id, std::int32_t total) {
+  chunk_t chunk{};
+  chunk.sender_id = sender;
+  chunk.message_id = id;
+  chunk.count = total / 50'000 + 2;
+  chunk.total_size = total;
+  chunk.data.assign(50'000, 1);
+  chunk.size = 50'000;
+  return encode_message(chunk);
+}
+
+TEST(Protocol, UnaskedMessagesThatAreNeverWholeAreForgottenAndCounted) {
+  FakeNetwork network(88);
+  FakeBus stranger(network);
+  Inbox::Options options{"T"};
+  options.accept_unasked = true;
+  Reader reader(network, options);
+  for (int i = 0; i < 4; ++i) {
+    const ByteVector piece = first_piece(100 + i, i, 90 << 20);
+    stranger.publish("HP2_CHUNK_T", piece.data(), piece.size());
+    run(network, 10, reader);
+  }
+  EXPECT_GT(reader.inbox.unasked_bytes(), 0U);
+  run(network, 2500, reader);
+  EXPECT_EQ(reader.inbox.unasked_bytes(), 0U);
+  EXPECT_EQ(reader.endpoint.counters()["lost"], 4);
+}
+
+TEST(Protocol, UnaskedMessagesThatAreNeverWholeHoldBoundedMemory) {
+  FakeNetwork network(88);
+  FakeBus stranger(network);
+  Inbox::Options options{"T"};
+  options.accept_unasked = true;
+  Reader reader(network, options);
+  for (int i = 0; i < 50; ++i) {
+    const ByteVector piece = first_piece(100 + i, i, 200 << 20);
+    stranger.publish("HP2_CHUNK_T", piece.data(), piece.size());
+    run(network, 1, reader);
+    EXPECT_LE(reader.inbox.unasked_bytes(), 2 * kMaxMessageBytes);
+  }
+  EXPECT_GE(reader.endpoint.counters()["lost"], 47);
+}
+
 TEST(Protocol, AllPiecesAtOnceAreSentSlowlyEnough) {
   FakeNetwork network;
   Owner owner(network);
@@ -274,6 +319,20 @@ TEST(Protocol, AllPiecesAtOnceAreSentSlowlyEnough) {
   run(network, 100, owner);
   EXPECT_EQ(got, (message_bytes(2).size() + kPieceBytes - 1) / kPieceBytes);
   EXPECT_EQ(network.overflowed, 0);
+}
+
+TEST(Limits, TheSenderNamesTheScanThatIsBeyondThem) {
+  Scan scan;
+  scan.x.resize(kMaxScanPoints + 1);
+  try {
+    check_scan_limits(scan, "drive/, scan 12");
+    FAIL() << "it passes";
+  } catch (const Error& e) {
+    EXPECT_NE(std::string(e.what()).find("4000001 points"), std::string::npos);
+    EXPECT_NE(std::string(e.what()).find("4000000"), std::string::npos);
+    EXPECT_NE(std::string(e.what()).find("drive/, scan 12"), std::string::npos);
+  }
+  EXPECT_THROW(EncodedMessage(ByteVector(kMaxMessageBytes + 1), 0), Error);
 }
 
 }  // namespace
