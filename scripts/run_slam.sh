@@ -39,6 +39,13 @@ example: scripts/run_slam.sh synthetic:loop --out out/demo
 TEXT
 }
 
+# As it can be pasted into a shell, whatever is in the words.
+quoted() {
+  local words
+  printf -v words '%q ' "$@"
+  printf '%s' "${words% }"
+}
+
 die() {
   echo "run_slam.sh: $1" >&2
   exit "${2:-1}"
@@ -108,7 +115,7 @@ if [ "$overwrite" = 0 ]; then
 Nothing was changed. Either
   give another folder             --out DIR
   throw it away, begin anew       --overwrite
-  write its results once more     $bin/hp2_viewer_headless --session $session --out $out
+  write its results once more     $(quoted "$bin/hp2_viewer_headless" --session "$session" --out "$out")
 TEXT
     exit 1
   fi
@@ -130,7 +137,7 @@ if [ -z "$url" ]; then
   done
   url="udpm://239.255.76.67:$port?ttl=0"
 fi
-if ! said=$("$bin/hp2_control" check --lcm-url "$url" 2>&1); then
+if ! said=$("$bin/hp2_control" check --quick --lcm-url "$url" 2>&1); then
   if [ -z "${HP2_IN_NAMESPACE:-}" ] && [ -z "$own_url" ] && command -v ip >/dev/null && unshare -rn true 2>/dev/null; then
     # shellcheck disable=SC2016  # the inner shell expands it
     exec env HP2_IN_NAMESPACE=1 unshare -rn bash -c \
@@ -144,11 +151,18 @@ fi
 
 if [ "$overwrite" = 1 ]; then
   rm -f "$session"/session.sqlite{,-wal,-shm} "$out"/poses_{tum,kitti,odometry_kitti}.txt "$out"/map.{ply,pcd} \
-    "$out"/{map_topdown,trajectory}.png "$out"/{summary.json,report.html,closures.csv,graph.g2o} "$logs"/*.log
+    "$out"/{map_topdown,trajectory}.png "$out"/{summary.json,report.html,closures.csv,graph.g2o} "$out/lcm_url" \
+    "$logs"/{backend,viewer,frontend,player,run_slam}.log
 fi
 
+# Where hp2_control and other programs find this run.
+printf '%s\n' "$url" >"$out/lcm_url"
+reach=()
+[ -z "${HP2_IN_NAMESPACE:-}" ] || reach=(nsenter --preserve-credentials -U -n -t "$$")
+echo "LCM: $url (also in $(quoted "$out/lcm_url")), e.g. $(quoted ${reach[@]+"${reach[@]}"} "$bin/hp2_control" list --lcm-url "$url")"
+
 common=(--lcm-url "$url")
-meta=(--meta "data=$data" --meta "command=run_slam.sh $data --rate $rate --threads $threads${mode:+ --mode $mode}"
+meta=(--meta "data=$data" --meta "command=$(quoted run_slam.sh "$data" --rate "$rate" --threads "$threads")${mode:+ --mode $mode}"
   --meta "host=$(uname -n)" --meta "started=$(date -u +%Y-%m-%dT%H:%M:%SZ)" "${same[@]}")
 truth=(--ground-truth "$data" ${selection[@]+"${selection[@]}"})
 
@@ -178,7 +192,7 @@ write_stored() {
   if [ "${ended[viewer]:-1}" != 0 ] &&
     ! timeout -k 2 "$1" "${again[@]}" "${truth[@]}" ${configured[@]+"${configured[@]}"} >/dev/null 2>>"$logs/viewer.log"; then
     echo "$holds are stored in $session; the results could not be written in $1 s. Write them with" >&3
-    echo "  ${again[*]}" >&3
+    echo "  $(quoted "${again[@]}")" >&3
     return
   fi
   echo "$holds are stored in $session, and their results written to $out" >&3

@@ -30,6 +30,7 @@ struct Options {
   int scans = 100;
   double rate_hz = 10.0;
   int points = 6000;
+  std::int64_t first_number = 0;
   bool chunks = false, quiet = false;
   std::vector<std::string> files;
 };
@@ -173,6 +174,7 @@ void print_usage(std::FILE* to) {
       "  --scans N    scans to make up (default 100); with files: one a file\n"
       "  --rate HZ    scans a second (default 10)\n"
       "  --points N   points of a made-up scan (default 6000)\n"
+      "  --number-from N  number of the first scan (default 0)\n"
       "  --chunks     every scan in pieces on HP2_CHUNK_SCAN; without, only one that is larger than 60,000 "
       "bytes\n"
       "  --quiet      no line a pose\n"
@@ -215,6 +217,8 @@ Options parse(int argc, char** argv) {
       o.rate_hz = number(word, value(), 0.001);
     else if (word == "--points")
       o.points = static_cast<int>(number(word, value(), 1));
+    else if (word == "--number-from")
+      o.first_number = static_cast<std::int64_t>(number(word, value(), 0));
     else if (word == "--chunks")
       o.chunks = true;
     else if (word == "--quiet")
@@ -250,7 +254,7 @@ int main(int argc, char** argv) {
         options.files.empty() ? make_scan(i, options) : read_scan(options.files[static_cast<std::size_t>(i)]);
     scan.utime = epoch_us + 100000LL * i;
     scan.sensor = "injector";
-    scan.sequence = i;
+    scan.sequence = options.first_number + i;
     scan.session_id = 0;
     publish(lcm, scan, sender, options.chunks);
     const auto next = start + std::chrono::duration<double>((i + 1) / options.rate_hz);
