@@ -68,7 +68,8 @@ struct SourceOptions {
       -1;  ///< Vertical angle correction of 0.205 degrees: 1 on, 0 off, -1 on for format "kitti" only.
   std::string
       topic;  ///< Topic of a bag, channel of a log, sender's address in a capture; empty: the only one.
-  std::string metadata;  ///< Ouster's metadata JSON for a capture; empty: the one beside it.
+  std::string bin_layout;  ///< Layout of .bin records, e.g. "xyzi"; empty: recognise it.
+  std::string metadata;    ///< Ouster's metadata JSON for a capture; empty: the one beside it.
 };
 
 /// Opens a drive named as on every command line: a folder (or file), or `synthetic:SCENE[:SEED]`.

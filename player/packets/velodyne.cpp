@@ -56,6 +56,7 @@ class VelodyneFormat final : public PacketFormat {
   explicit VelodyneFormat(const Model& model) : model_(model), name_(model.name) {
     two_firings_ = model.id == 0x22 || model.id == 0x24;
     banks_ = model.id == 0xa1 ? 4 : 1;
+    steps_azimuth_ = two_firings_ || model.id == 0x28;
     for (std::size_t i = 0; i < 36000; ++i) {
       const double angle = static_cast<double>(i) * M_PI / 18000.0;
       cosine_.push_back(std::cos(angle));
@@ -106,10 +107,10 @@ class VelodyneFormat final : public PacketFormat {
       const std::size_t laser = two_firings_ ? k % 16 : k + kReturns * static_cast<std::size_t>(bank);
       const double t = laser_time_ns(payload, b, k);
       const VelodyneBeam& beam = model_.beams[laser];
-      // The manuals' unit: rounded to 0.01 degrees, as the sensor's own azimuths are.
-      auto index =
-          std::llround(azimuth(payload, b) + 100.0 * (rate * (t - azimuth_from_ns) + beam.azimuth_deg)) %
-          36000;
+      auto index = std::llround(steps_azimuth_ ? azimuth_by_steps(payload, b, k, beam)
+                                               : azimuth(payload, b) + 100.0 * (rate * (t - azimuth_from_ns) +
+                                                                                beam.azimuth_deg)) %
+                   36000;
       if (index < 0) index += 36000;
       const double r = distance * model_.distance_unit_m;
       const double elevation = beam.elevation_deg * M_PI / 180.0;
@@ -160,6 +161,25 @@ class VelodyneFormat final : public PacketFormat {
     return laser_time_ns(payload, block, 0);
   }
 
+  /// Azimuth of a return [0.01 degrees] of the models with one block a firing, interpolated to the next
+  /// block's as the drivers in use do it, in their arithmetic: what they decode is what recordings are
+  /// compared with. They leave the packet's last block as it is, and let the VLP-32C's lasers fire one by
+  /// one.
+  float azimuth_by_steps(std::string_view payload, std::size_t block, std::size_t k,
+                         const VelodyneBeam& beam) const {
+    // Of dual returns, the second ones stand at the next firing's azimuth there.
+    const bool second = is_dual(payload) && is_second(block);
+    const std::size_t next = block + (is_dual(payload) && !second ? 2 : 1);
+    const auto there = static_cast<float>(azimuth(payload, std::min(next, kBlocks - 1)));
+    const float here = second ? there : static_cast<float>(azimuth(payload, block));
+    const float step = next < kBlocks && !second ? std::fmod(36000.0F + there - here, 36000.0F) : 0.0F;
+    const auto laser = static_cast<float>(two_firings_ ? k % 16 : k), firing = static_cast<float>(k / 16);
+    const auto rotation = static_cast<float>(-beam.azimuth_deg * M_PI / 180.0);
+    const float turned = two_firings_ ? here + (step * ((laser * 2.304F) + (firing * 55.296F)) / 110.592F)
+                                      : here + (step * 2.304F / 55.296F * laser);
+    return static_cast<float>(turned - rotation * 180.0 / M_PI * 100);
+  }
+
   /// Speed of the turn, from the packet's first and last firing sequence.
   double degrees_per_ns(std::string_view payload) const {
     const std::size_t last = first_of_sequence(payload, used_blocks(payload) - 1);
@@ -172,8 +192,9 @@ class VelodyneFormat final : public PacketFormat {
 
   const Model model_;
   const std::string name_;
-  bool two_firings_ = false;  ///< 16 lasers: a block has two firings of each.
-  int banks_ = 1;             ///< Blocks a firing sequence.
+  bool two_firings_ = false;    ///< 16 lasers: a block has two firings of each.
+  bool steps_azimuth_ = false;  ///< See azimuth_by_steps().
+  int banks_ = 1;               ///< Blocks a firing sequence.
   std::vector<double> cosine_, sine_;
 };
 

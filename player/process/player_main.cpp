@@ -68,6 +68,10 @@ int main(int argc, char** argv) {
   app.add_option("--topic", source_options.topic,
                  "Topic of a bag, channel of a log, or sender's address in a packet capture")
       ->type_name("NAME");
+  app.add_option("--bin-layout", source_options.bin_layout,
+                 "Records of .bin scans, if they are not to be recognised: xyzi, xyz, xyzir, xyzit, xyzirt, "
+                 "xyz-double, xyzi-double, nclt")
+      ->type_name("NAME");
   app.add_option("--metadata", source_options.metadata,
                  "Ouster's metadata JSON of a packet capture, if it does not lie beside it")
       ->type_name("FILE");

@@ -92,10 +92,15 @@ void read_column(const Column& column, std::size_t n, std::vector<float>& out) {
 void read_column(const Column& column, std::size_t n, std::vector<double>& out) { read_any(column, n, out); }
 
 bool is_intensity_name(const std::string& name) {
-  return is_one_of(name, {"intensity", "i", "reflectivity", "reflectance", "scalar_intensity"});
+  return is_one_of(name, {"intensity", "i", "reflectivity", "reflectance", "scalar_intensity",
+                          "scalar_reflectivity", "scalar_reflectance"});
 }
 bool is_time_name(const std::string& name) {
-  return is_one_of(name, {"t", "time", "timestamp", "offset_time"});
+  std::string lower = name;
+  for (char& c : lower) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  // offset_time, time_stamp, timestamps, stamps, gps_time, GpsTime, scalar_Time, t_ns, ...
+  return is_one_of(lower, {"t", "ts", "t_s", "t_ms", "t_us", "t_ns", "scalar_t"}) ||
+         lower.find("time") != std::string::npos || lower.find("stamp") != std::string::npos;
 }
 
 }  // namespace hp2

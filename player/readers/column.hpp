@@ -38,7 +38,8 @@ void read_column(const Column& column, std::size_t n, std::vector<double>& out);
 
 /// Whether a field of this name (any case) is a point's intensity.
 bool is_intensity_name(const std::string& name);
-/// Whether a field of this name (any case) is a point's time: t, time, timestamp, offset_time.
+/// Whether a field of this name (any case) is a point's time: t, t_ns, offset_time, time_stamp, scalar_Time
+/// and every other name with "time" or "stamp" in it.
 bool is_time_name(const std::string& name);
 
 }  // namespace hp2

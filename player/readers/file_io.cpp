@@ -8,6 +8,7 @@
 #include <cstring>
 #include <fcntl.h>
 #include <filesystem>
+#include <libdeflate.h>
 #include <limits>
 #include <sys/stat.h>
 #include <system_error>
@@ -136,6 +137,22 @@ std::string PartFile::read(std::uint64_t offset, std::size_t n) const {
   }
   bytes.resize(done);
   return bytes;
+}
+
+std::string expand_gzip(std::string_view bytes, const std::string& path) {
+  const std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> expander(
+      ::libdeflate_alloc_decompressor(), ::libdeflate_free_decompressor);
+  // The size at the file's end may lie; deflate makes at most 1032 bytes of one.
+  const std::size_t most = std::min(kMaxFileBytes, bytes.size() * 1032);
+  std::uint32_t promised = 0;
+  if (bytes.size() >= 18) std::memcpy(&promised, bytes.data() + bytes.size() - 4, sizeof(promised));
+  std::string out(std::min<std::size_t>(promised, most), '\0');
+  std::size_t size = 0;
+  if (!expander || ::libdeflate_gzip_decompress(expander.get(), bytes.data(), bytes.size(), out.data(),
+                                                out.size(), &size) != LIBDEFLATE_SUCCESS)
+    throw Error("the gzip file is damaged", path, "Copy it again, or expand it with gunzip.");
+  out.resize(size);
+  return out;
 }
 
 std::string read_text(const std::string& path) {

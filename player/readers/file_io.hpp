@@ -72,6 +72,9 @@ class PartFile {
   std::uint64_t size_ = 0;
 };
 
+/// What a gzip file holds. @throws Error if it is damaged or larger than kMaxFileBytes
+std::string expand_gzip(std::string_view bytes, const std::string& path);
+
 /// The whole of a text file; see FileBuffer::load for the errors.
 std::string read_text(const std::string& path);
 

@@ -11,6 +11,7 @@
 #include "player/readers/file_io.hpp"
 #include "player/readers/ground_truth.hpp"
 #include "player/readers/layout.hpp"
+#include "player/readers/point_folder.hpp"
 #include "player/readers/same_content.hpp"
 #include "player/sweep/clock.hpp"
 #include "player/sweep/time_table.hpp"
@@ -34,18 +35,18 @@ Layout find_layout(const std::string& folder) {
     layout.scans = folder + "/velodyne";
   else if (base_name(folder) == "velodyne")
     layout.base = parent_folder(folder);
-  std::size_t others = 0;
-  for (const char* extension : {".bin", ".pcd", ".ply"}) {
-    std::vector<std::string> names = list_files(layout.scans, extension);
-    if (names.size() > layout.names.size()) std::swap(names, layout.names);
-    others += names.size();
+  else if (is_folder(folder + "/lidar") && list_scan_files(folder, layout.warnings).empty())
+    layout.scans = folder + "/lidar";
+  if (is_file(folder)) {  // one scan
+    layout.base = layout.scans = parent_folder(folder);
+    layout.names = {base_name(folder)};
+    return layout;
   }
+  layout.warnings.clear();
+  layout.names = list_scan_files(layout.scans, layout.warnings);
   if (layout.names.empty())
     throw Error("the folder holds no scan", layout.scans,
-                "Scans are .bin, .pcd or .ply files, in it or in velodyne/.");
-  if (others > 0)
-    layout.warnings.push_back(layout.scans + " holds scans of several kinds: the " + std::to_string(others) +
-                              " files of the rarer kinds are left out");
+                "Scans are .bin, .pcd, .ply, .las, .npy or text (.xyz, .csv) files, in it or in velodyne/.");
   return layout;
 }
 
@@ -228,6 +229,9 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
   drive.info.name = base_name(layout.base);
   drive.warnings = layout.warnings;
   for (const std::string& name : layout.names) drive.scans.push_back({layout.scans + "/" + name, 0, 0, 0});
+  std::vector<std::string> paths;
+  for (const DriveScan& scan : drive.scans) paths.push_back(scan.path);
+  const PointReading reading = find_reading(paths, options.bin_layout, drive.warnings);
 
   const FoundTimes found = find_times(layout, options, drive.warnings);
   MendOptions mend;
@@ -246,8 +250,9 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
     unit.duration_us = estimate_sweep(stamps);
     unit.normalised = true;
   } else if (!kitti) {
-    const TimeSamples samples = sample_times(
-        stamps, [&drive](std::size_t i, PointFile& file) { read_point_file(drive.scans[i].path, file); });
+    const TimeSamples samples = sample_times(stamps, [&drive, &reading](std::size_t i, PointFile& file) {
+      reading.read(drive.scans[i].path, file);
+    });
     has_times = !samples.raw.empty();
     if (has_times) unit = find_time_unit(samples.raw, estimate_sweep(stamps), 0.0, samples.stamps_us);
     if (has_times && unit.unit_s == 0.0 && !unit.normalised)
@@ -266,9 +271,9 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
 
   const bool correct = options.kitti_correction < 0 ? kitti : options.kitti_correction > 0;
   const std::string ptimes = has_ptimes ? layout.base + "/ptimes/" : "";
-  drive.decode = [unit, correct, ptimes, has_times](const DriveScan& entry, Scan& scan) {
+  drive.decode = [unit, correct, ptimes, has_times, reading](const DriveScan& entry, Scan& scan) {
     thread_local PointFile file;
-    read_point_file(entry.path, file);
+    reading.read(entry.path, file);
     move_points(file, scan);
     if (correct) correct_kitti_vertical_angle(scan);
     if (!ptimes.empty())

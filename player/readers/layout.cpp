@@ -5,6 +5,7 @@
 #include "common/error.hpp"
 #include "player/readers/file_io.hpp"
 #include "player/readers/ground_truth.hpp"
+#include "player/readers/point_folder.hpp"
 #include "player/sweep/clock.hpp"
 
 namespace hp2 {
@@ -23,12 +24,36 @@ std::optional<Pose> kitti_camera_from_lidar(const std::string& path) {
 }
 
 std::int64_t stamp_of_name(const std::string& name) {
-  const std::string digits = stem(name);
+  std::string s = stem(name);
+  for (const std::string extension : {".pcd", ".bin", ".ply"})  // NAME.pcd.bin, NAME.bin.gz
+    if (s.size() > extension.size() &&
+        s.compare(s.size() - extension.size(), extension.size(), extension) == 0)
+      s.resize(s.size() - extension.size());
+  const auto digits_before = [&](std::size_t end) {
+    std::size_t begin = end;
+    while (begin > 0 && s[begin - 1] >= '0' && s[begin - 1] <= '9') --begin;
+    return begin;
+  };
+  const std::size_t last = digits_before(s.size());
+  const std::string digits = s.substr(last);
+  if (digits.empty() || digits.size() > 19) return -1;
   std::int64_t value = 0;
-  const auto [rest, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
-  if (error != std::errc() || rest != digits.data() + digits.size() || value <= 0) return -1;
-  if (digits.size() == 19) return value / 1000;
-  return digits.size() == 16 ? value : -1;
+  std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  // All of the name, or the part after its last underscore.
+  if (last == 0 || s[last - 1] == '_') {
+    if (digits.size() == 19) return value / 1000;
+    if (digits.size() == 16) return value;
+  }
+  // SECONDS.FRACTION or SECONDS_NANOSECONDS, maybe behind a word and an underscore.
+  if (last < 2 || (s[last - 1] != '.' && s[last - 1] != '_') || digits.size() > 9) return -1;
+  const std::size_t first = digits_before(last - 1);
+  const std::string seconds_digits = s.substr(first, last - 1 - first);
+  if (seconds_digits.size() != 10 || (first > 0 && s[first - 1] != '_' && s[first - 1] != '-')) return -1;
+  std::int64_t seconds = 0;
+  std::from_chars(seconds_digits.data(), seconds_digits.data() + seconds_digits.size(), seconds);
+  if (s[last - 1] == '.')
+    for (std::size_t i = digits.size(); i < 9; ++i) value *= 10;
+  return seconds * 1'000'000 + value / 1000;
 }
 
 std::vector<std::int64_t> stamps_of_names(const std::string& folder, const std::vector<std::string>& names,
@@ -67,6 +92,7 @@ std::string recognise_format(const std::string& path) {
       if (head.rfind(magic, 0) == 0) return "pcap";
     for (const char* ending : {".pcap", ".pcapng"})
       if (path.size() > 7 && path.find(ending, path.size() - 7) != std::string::npos) return "pcap";
+    if (is_scan_file(base_name(path))) return "generic";  // one scan
     return "";
   }
   const std::string name = base_name(path);
@@ -77,9 +103,9 @@ std::string recognise_format(const std::string& path) {
     return "mulran";
   if (is_folder(path + "/pcds") || (name == "pcds" && is_folder(path + "/../poses"))) return "apollo";
   if (is_folder(path + "/velodyne") && kitti_camera_from_lidar(path + "/calib.txt")) return "kitti";
-  for (const std::string& folder : {path + "/velodyne", path})
-    for (const char* extension : {".bin", ".pcd", ".ply"})
-      if (!list_files(folder, extension).empty()) return "generic";
+  std::vector<std::string> warnings;
+  for (const std::string& folder : {path + "/velodyne", path, path + "/lidar"})
+    if (!list_scan_files(folder, warnings).empty()) return "generic";
   return "";
 }
 

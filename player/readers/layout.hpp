@@ -12,7 +12,8 @@ namespace hp2 {
 /// Camera-from-LiDAR transform of a KITTI calib.txt (line `Tr:`); nothing if there is no such file or line.
 std::optional<Pose> kitti_camera_from_lidar(const std::string& path);
 
-/// Time [us] that a file is named by (19 digits: nanoseconds, 16: microseconds); -1 if its name is no time.
+/// Time [us] that a file is named by, alone or after an underscore: 19 digits (nanoseconds), 16
+/// (microseconds), SECONDS.FRACTION, SECONDS_NANOSECONDS; -1 if its name is no time.
 std::int64_t stamp_of_name(const std::string& name);
 
 /// Stamps [us] of files that are named by their times. Names that are none, or do not rise: 10 Hz, and a

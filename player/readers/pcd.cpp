@@ -1,4 +1,5 @@
 // PCD files (Point Cloud Library's format, version 0.7 and before).
+#include <cctype>
 #include <charconv>
 #include <cstdint>
 #include <cstring>
@@ -52,7 +53,8 @@ std::size_t count_of(const std::string& word, const std::string& path) {
 }
 
 ScalarType type_of(const std::string& type, const std::string& size, const std::string& path) {
-  const std::string key = type + size;
+  std::string key = type + size;
+  for (char& c : key) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));  // as PCL reads it
   const std::pair<const char*, ScalarType> known[] = {
       {"I1", ScalarType::kInt8},   {"U1", ScalarType::kUint8},  {"I2", ScalarType::kInt16},
       {"U2", ScalarType::kUint16}, {"I4", ScalarType::kInt32},  {"U4", ScalarType::kUint32},
@@ -148,6 +150,12 @@ void parse_pcd(std::string_view bytes, const std::string& path, PointFile& out) 
   if (header.n == 0) {
     out = PointFile{};
     return;
+  }
+  out.fields.clear();
+  for (const Field& field : header.fields) {
+    out.fields.push_back(field.name);
+    if (field.name == "x")
+      out.integer = field.type != ScalarType::kFloat32 && field.type != ScalarType::kFloat64;
   }
   const std::string lie = "the PCD header promises " + std::to_string(header.n) + " points of " +
                           std::to_string(header.stride) + " bytes, the file has " +

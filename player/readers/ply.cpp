@@ -125,6 +125,11 @@ void parse_ply(std::string_view bytes, const std::string& path, PointFile& out) 
              " bytes of data",
          path);
   if (vertex->n == 0) return read_points({}, 0, out);
+  out.fields.clear();
+  for (const Property& p : vertex->properties) {
+    out.fields.push_back(p.name);
+    if (p.name == "x") out.integer = p.type != ScalarType::kFloat32 && p.type != ScalarType::kFloat64;
+  }
   PointColumns c;
   for (std::size_t i = 0; i < width; ++i) {
     const Property& p = vertex->properties[i];
@@ -138,9 +143,9 @@ void parse_ply(std::string_view bytes, const std::string& path, PointFile& out) 
       c.y = column;
     else if (p.name == "z")
       c.z = column;
-    else if (is_intensity_name(p.name) && vertex->n > 0)
+    else if (is_intensity_name(p.name) && !c.intensity.first)
       c.intensity = column;
-    else if (is_time_name(p.name) && vertex->n > 0)
+    else if (is_time_name(p.name) && !c.time.first)
       c.time = column;
   }
   if (vertex->n > 0 && (!c.x.first || !c.y.first || !c.z.first))

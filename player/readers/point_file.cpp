@@ -1,5 +1,6 @@
 #include "player/readers/point_file.hpp"
 
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -7,6 +8,7 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "player/readers/bin_layout.hpp"
 #include "player/readers/file_io.hpp"
 
 namespace hp2 {
@@ -68,6 +70,13 @@ void read_bin(const std::string& path, PointFile& out) {
   if (done != file.size()) make_room(done, path, out);  // it shrank meanwhile
 }
 
+std::string extension_of(const std::string& path) {
+  const std::size_t dot = path.rfind('.');
+  std::string extension = dot == std::string::npos ? "" : path.substr(dot);
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
+}
+
 }  // namespace
 
 void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) {
@@ -75,20 +84,37 @@ void parse_bin(std::string_view bytes, const std::string& path, PointFile& out) 
   parse_records(bytes, 0, out.scan);
 }
 
-void read_point_file(const std::string& path, PointFile& out) {
-  const std::size_t dot = path.rfind('.');
-  std::string extension = dot == std::string::npos ? "" : path.substr(dot);
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  if (extension == ".bin") return read_bin(path, out);
+const std::vector<std::string>& point_file_extensions() {
+  static const std::vector<std::string> all = {".bin", ".pcd", ".ply", ".las", ".npy",
+                                               ".xyz", ".csv", ".asc", ".txt"};
+  return all;
+}
+
+void read_point_file(const std::string& path, PointFile& out, const BinLayout* layout) {
+  std::string extension = extension_of(path);
+  const bool packed = extension == ".gz";
+  if (packed) extension = extension_of(path.substr(0, path.size() - 3));
+  if (extension == ".bin" && !packed && (!layout || layout == &kitti_bin_layout()))
+    return read_bin(path, out);
   thread_local FileBuffer buffer;  // kept from scan to scan: no allocation in steady state
-  const std::string_view bytes = buffer.load(path);
+  std::string_view bytes = buffer.load(path);
+  std::string expanded;
+  if (packed && !bytes.empty()) bytes = expanded = expand_gzip(bytes, path);
   if (bytes.empty()) {  // a scan of no points, whatever its kind
     out = PointFile{};
     return;
   }
+  out.fields.clear();
+  out.integer = false;
+  if (extension == ".bin") return parse_bin(bytes, path, layout ? *layout : kitti_bin_layout(), out);
   if (extension == ".pcd") return parse_pcd(bytes, path, out);
   if (extension == ".ply") return parse_ply(bytes, path, out);
-  throw Error("unknown kind of scan", path, "Scans are .bin, .pcd or .ply files.");
+  if (extension == ".las") return parse_las(bytes, path, out);
+  if (extension == ".npy") return parse_npy(bytes, path, out);
+  for (const char* text : {".xyz", ".csv", ".asc", ".txt"})
+    if (extension == text) return parse_text_points(bytes, path, out);
+  throw Error("unknown kind of scan", path,
+              "Scans are .bin, .pcd, .ply, .las, .npy or text (.xyz, .csv) files.");
 }
 
 std::vector<double> parse_ascii_table(std::string_view text, std::size_t n, std::size_t width,

@@ -1,4 +1,5 @@
-// One scan file's bytes into points: .bin, .pcd, .ply. Nothing here knows of clocks or folders.
+// One scan file's bytes into points: .bin, .pcd, .ply, .las, .npy, text. Nothing here knows of clocks or
+// folders.
 #pragma once
 #include <cstddef>
 #include <string>
@@ -13,7 +14,9 @@ namespace hp2 {
 /// Points of one file. `scan` has x, y, z and maybe intensity; its clock is not set.
 struct PointFile {
   Scan scan;
-  std::vector<double> raw_time;  ///< A point's time as the file has it, in whatever unit; empty: absent.
+  std::vector<double> raw_time;     ///< A point's time as the file has it, in whatever unit; empty: absent.
+  std::vector<std::string> fields;  ///< Names of the fields, where the file has names.
+  bool integer = false;             ///< Coordinates are whole numbers, so their unit is not the metre.
 };
 
 /// Fields of one point in a table of points; first may be null for intensity and time.
@@ -41,9 +44,28 @@ void parse_pcd(std::string_view bytes, const std::string& path, PointFile& out);
 /// @throws Error if the header is not understood or promises more than the file has
 void parse_ply(std::string_view bytes, const std::string& path, PointFile& out);
 
-/// Reads a file of one of these kinds by its extension.
+/// Text, a point a line: x y z [intensity] [time], or columns that the first line names.
+/// @throws Error if a line has not the numbers that the first one has
+void parse_text_points(std::string_view text, const std::string& path, PointFile& out);
+
+/// NumPy array: N rows x y z [intensity] [time], or a structured one with these fields.
+/// @throws Error if the header is not understood or promises more than the file has
+void parse_npy(std::string_view bytes, const std::string& path, PointFile& out);
+
+/// LAS 1.0 to 1.4 without compression. Coordinates of a map (offsets beyond 10 km) are left relative to the
+/// offset.
+/// @throws Error if the header is not understood or promises more than the file has
+void parse_las(std::string_view bytes, const std::string& path, PointFile& out);
+
+struct BinLayout;
+
+/// Reads a file of one of these kinds by its extension, also with .gz behind it.
+/// @param layout of the records of a .bin; null: KITTI's
 /// @throws Error as above, and for another extension
-void read_point_file(const std::string& path, PointFile& out);
+void read_point_file(const std::string& path, PointFile& out, const BinLayout* layout = nullptr);
+
+/// Extensions of the kinds that are read, without .gz: ".bin", ".pcd", ...
+const std::vector<std::string>& point_file_extensions();
 
 /// Rows of numbers as text, `width` a row, row-major into a table of doubles: the ascii kinds of PCD and PLY.
 /// @throws Error if the text ends before n rows
