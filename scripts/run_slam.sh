@@ -19,7 +19,9 @@ usage: scripts/run_slam.sh DATA --out DIR [options]
                     is gone on with; one that is complete, or another drive's, is refused and left as it is
   --overwrite       throw away the session and the results in --out, and begin anew
   --dataset NAME    format of the drive, if it is not to be recognised
-  --topic NAME      topic of a bag, or channel of a log, if there are several with scans
+  --topic NAME      topic of a bag, channel of a log, or sender's address in a packet capture, if there are several
+  --metadata FILE   Ouster's metadata JSON of a packet capture, if it does not lie beside it
+  --bin-layout NAME records of .bin scans, if they are not to be recognised; see hp2_player --help
   --config FILE     settings (YAML); see hp2_frontend --print-config
   --rate R|max      times real time; max (default): as fast as the front-end registers, no scan skipped
   --first N, --count N, --stride N   which scans
@@ -60,7 +62,7 @@ while [ $# -gt 0 ]; do
     --overwrite) overwrite=1 && shift && continue ;;
     --*)
       case $1 in
-        --out | --config | --rate | --dataset | --topic | --first | --count | --stride | --threads | --mode | \
+        --out | --config | --rate | --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride | --threads | --mode | \
           --live-every | --lcm-url | --build) ;;
         *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
       esac
@@ -69,7 +71,7 @@ while [ $# -gt 0 ]; do
         --out) out=$2 ;;
         --config) config=$2 ;;
         --rate) rate=$2 ;;
-        --dataset | --topic | --first | --count | --stride) selection+=("$1" "$2") ;;
+        --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride) selection+=("$1" "$2") ;;
         --threads) threads=$2 ;;
         --mode) mode=$2 ;;
         --live-every) live_every=$2 ;;

@@ -173,7 +173,7 @@ class StreamDecoder final : public PacketDecoder {
 
   void add_covered(const PacketBlock& block, std::int64_t t) {
     const double by = turned_by(previous_->azimuth_deg, block.azimuth_deg) * turning_;
-    const bool missing = t - previous_t_ > block_ns_ * 7 / 2;
+    const bool missing = static_cast<double>(t - previous_t_) > 3.5 * static_cast<double>(block_ns_);
     turn_.covered_deg += missing ? rate_ * static_cast<double>(block_ns_) : std::max(by, 0.0);
   }
 

@@ -180,7 +180,7 @@ BinLayoutChoice choose_bin_layout(const std::vector<std::string>& files, const s
   const auto plausible = [&](std::size_t k) {  // in most of the files: one may be damaged
     const auto n =
         std::count_if(looks[k].begin(), looks[k].end(), [](const Look& l) { return l.plausible(); });
-    return static_cast<std::size_t>(n) * 2 > judged;
+    return n > 0 && static_cast<std::size_t>(n) * 2 >= judged;
   };
   const auto step = [&](std::size_t k) {
     std::vector<double> steps;

@@ -38,9 +38,9 @@ std::int64_t stamp_of_name(const std::string& name) {
   const std::string digits = s.substr(last);
   if (digits.empty() || digits.size() > 19) return -1;
   std::int64_t value = 0;
-  std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  if (std::from_chars(digits.data(), digits.data() + digits.size(), value).ec != std::errc()) return -1;
   // All of the name, or the part after its last underscore.
-  if (last == 0 || s[last - 1] == '_') {
+  if ((last == 0 || s[last - 1] == '_') && value > 0) {
     if (digits.size() == 19) return value / 1000;
     if (digits.size() == 16) return value;
   }

@@ -127,7 +127,8 @@ TEST(PacketCapture, PartialTurnsAtBothEndsAreLeftOut) {
     for (std::size_t k = 0; k < scan.size(); k += 97) {
       EXPECT_NEAR(std::hypot(scan.x[k], scan.y[k], scan.z[k]), kRange_m, 1e-3);
       double azimuth = std::atan2(-scan.y[k], scan.x[k]) * 180.0 / M_PI;  // clockwise from x
-      if (azimuth < -1.0) azimuth += 360.0;
+      if (azimuth < -1.0 || (azimuth < 0.0 && scan.time[k] > 0.5F))
+        azimuth += 360.0;  // the last firings pass it
       EXPECT_NEAR(scan.time[k], azimuth / 360.0, 2e-3);
     }
   }
@@ -155,7 +156,7 @@ TEST(PacketCapture, LostPacketsLeaveAHoleAndAreCounted) {
   packets.erase(packets.begin() + 240,
                 packets.begin() + 240 + static_cast<std::ptrdiff_t>(160));  // two turns
   const auto source = open_pcap(folder, pcap_of(packets));
-  EXPECT_EQ(source->size(), 4U) << all_warnings(*source);
+  EXPECT_EQ(source->size(), 3U) << all_warnings(*source);
   EXPECT_NE(all_warnings(*source).find("163 packets are missing"), std::string::npos)
       << all_warnings(*source);
   EXPECT_LT(source->read(1).size(), source->read(0).size());

@@ -73,6 +73,10 @@ int main(int argc, char** argv) {
   app.add_option("--count", source_options.count, "As hp2_player's, for the ground truth")->type_name("N");
   app.add_option("--stride", source_options.stride, "As hp2_player's, for the ground truth")->type_name("N");
   app.add_option("--topic", source_options.topic, "As hp2_player's, for the ground truth")->type_name("NAME");
+  app.add_option("--metadata", source_options.metadata, "As hp2_player's, for the ground truth")
+      ->type_name("FILE");
+  app.add_option("--bin-layout", source_options.bin_layout, "As hp2_player's, for the ground truth")
+      ->type_name("NAME");
   app.add_option("--meta", meta, "A text for the summary, e.g. data=/data/kitti/07; may be repeated")
       ->type_name("KEY=TEXT");
   hp2::add_common_options(app, common, true);
