@@ -4,8 +4,7 @@ namespace hp2 {
 
 ConfigSection backend_section(BackendConfig& c) {
   ConfigSection s("backend");
-  s.add("loop_closing", c.loop_closing,
-        "close loops; false: as if no place was ever seen again");
+  s.add("loop_closing", c.loop_closing, "close loops; false: as if no place was ever seen again");
   s.add("candidates", c.candidates,
         "which submaps may close a loop: adaptive (by what was travelled and seen) or paper (all but the "
         "newest few)",

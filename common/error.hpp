@@ -5,8 +5,9 @@
 
 namespace hp2 {
 
-/// Thrown for everything that the user can cause: bad input, bad configuration, a full disk. Its message is made for
-/// a person: "what: where. What to do." Programs print it on stderr and exit with a status other than 0.
+/// Thrown for everything that the user can cause: bad input, bad configuration, a full disk. Its message is
+/// made for a person: "what: where. What to do." Programs print it on stderr and exit with a status other
+/// than 0.
 class Error : public std::runtime_error {
  public:
   /// @param what  what went wrong, e.g. "the scan is truncated"

@@ -97,7 +97,9 @@ Matrix6d adjoint(const Pose& pose) {
   return ad;
 }
 
-double rotation_angle(const Eigen::Quaterniond& q) { return 2.0 * std::atan2(q.vec().norm(), std::abs(q.w())); }
+double rotation_angle(const Eigen::Quaterniond& q) {
+  return 2.0 * std::atan2(q.vec().norm(), std::abs(q.w()));
+}
 
 Pose interpolate(const Pose& a, const Pose& b, double s) { return a * se3_exp(s * se3_log(a.inverse() * b)); }
 

@@ -19,7 +19,8 @@ struct Pose {
   /// Normalises `q`. `q` must not be zero.
   Pose(const Eigen::Quaterniond& q, const Eigen::Vector3d& t) : rotation(q.normalized()), translation(t) {}
 
-  /// From a 3x4 or 4x4 matrix whose left 3x3 block is a rotation up to rounding; the nearest rotation is taken.
+  /// From a 3x4 or 4x4 matrix whose left 3x3 block is a rotation up to rounding; the nearest rotation is
+  /// taken.
   static Pose from_matrix(const Eigen::Matrix<double, 3, 4>& m);
 
   Pose operator*(const Pose& o) const {

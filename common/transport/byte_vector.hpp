@@ -8,8 +8,8 @@
 
 namespace hp2 {
 
-/// Allocates as std::allocator does, but leaves bytes as they are where no value is given: a message of megabytes is
-/// written once, by who encodes or receives it.
+/// Allocates as std::allocator does, but leaves bytes as they are where no value is given: a message of
+/// megabytes is written once, by who encodes or receives it.
 template <class T>
 struct UnsetAllocator : std::allocator<T> {
   template <class U>

@@ -79,7 +79,8 @@ bool has_layout(const std::uint8_t* data, std::size_t size) {
 /// @return false, with `message` unspecified, if the bytes do not have the type's layout
 template <class T>
 bool safe_decode(const std::uint8_t* data, std::size_t size, T& message) {
-  return has_layout<T>(data, size) && message.decode(data, 0, static_cast<int>(size)) == static_cast<int>(size);
+  return has_layout<T>(data, size) &&
+         message.decode(data, 0, static_cast<int>(size)) == static_cast<int>(size);
 }
 
 }  // namespace hp2

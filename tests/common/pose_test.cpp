@@ -15,7 +15,8 @@ Eigen::Matrix4d hat(const Vector6d& x) {
   return m;
 }
 
-// exp of a matrix by scaling and squaring of its power series: the definition, independent of the closed forms.
+// exp of a matrix by scaling and squaring of its power series: the definition, independent of the closed
+// forms.
 Eigen::Matrix4d matrix_exp(const Eigen::Matrix4d& a) {
   const Eigen::Matrix4d small = a / 1024.0;
   Eigen::Matrix4d sum = Eigen::Matrix4d::Identity(), term = Eigen::Matrix4d::Identity();
@@ -37,7 +38,8 @@ Vector6d random_twist(std::mt19937& rng, double angle, double length) {
 
 TEST(Pose, ExpIsTheMatrixExponentialAndLogItsInverseOverTheWholeRange) {
   std::mt19937 rng(1);
-  for (const double angle : {0.0, 1e-12, 1e-9, 1e-6, 9.9e-4, 1.1e-3, 0.1, 1.0, 2.0, 3.0, 3.14, M_PI - 1e-6, M_PI - 1e-9}) {
+  for (const double angle :
+       {0.0, 1e-12, 1e-9, 1e-6, 9.9e-4, 1.1e-3, 0.1, 1.0, 2.0, 3.0, 3.14, M_PI - 1e-6, M_PI - 1e-9}) {
     for (const double length : {0.0, 1e-6, 1.0, 500.0}) {
       const Vector6d x = random_twist(rng, angle, length);
       const Pose pose = se3_exp(x);
@@ -49,7 +51,8 @@ TEST(Pose, ExpIsTheMatrixExponentialAndLogItsInverseOverTheWholeRange) {
 }
 
 TEST(Pose, LogOfHalfTurnsHasAngleAtMostPi) {
-  for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 2, 3)}) {
+  for (const Eigen::Vector3d& axis :
+       {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 2, 3)}) {
     for (const double angle : {M_PI - 1e-12, M_PI, M_PI + 1e-12, 2 * M_PI - 1e-3}) {
       const Eigen::Quaterniond q(Eigen::AngleAxisd(angle, axis.normalized()));
       const Eigen::Vector3d phi = so3_log(q);

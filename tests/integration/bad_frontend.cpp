@@ -1,5 +1,5 @@
-// A front-end whose submaps make no sense: waits for a back-end, offers submap 0 and answers who asks for it, with
-// a message that is whole and yet no submap.
+// A front-end whose submaps make no sense: waits for a back-end, offers submap 0 and answers who asks for it,
+// with a message that is whole and yet no submap.
 //   hp2_bad_frontend URL
 #include <chrono>
 #include <cstdint>
