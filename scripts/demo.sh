@@ -39,7 +39,8 @@ if [ ${#overwrite[@]} = 0 ] && [ -e "$out" ] && { [ ! -d "$out" ] || [ -n "$(ls 
   exit 1
 fi
 
-scripts/setup.sh -DHP2_BUILD_TESTS=OFF --build "$build"  --targets "hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control"
+scripts/setup.sh -DHP2_BUILD_TESTS=OFF --build "$build" \
+  --targets "hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control"
 scripts/run_slam.sh "$drive" --out "$out" --build "$build" ${overwrite[@]+"${overwrite[@]}"}
 cat <<TEXT
 

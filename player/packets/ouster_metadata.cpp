@@ -152,7 +152,8 @@ OusterInfo parse_ouster_metadata(const std::string& text, const std::string& whe
     if (info.sensor_from_lidar.size() != 16)
       metadata.fail("has no 16 numbers as 'lidar_to_sensor_transform'");
   }
-  if (OusterLayout(info).fields().empty()) metadata.fail("has the unknown 'udp_profile_lidar' " + info.profile);
+  if (OusterLayout(info).fields().empty())
+    metadata.fail("has the unknown 'udp_profile_lidar' " + info.profile);
   return info;
 }
 
