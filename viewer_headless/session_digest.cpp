@@ -111,4 +111,19 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
   return digest;
 }
 
+std::vector<std::size_t> SessionDigest::gaps() const {
+  std::vector<std::size_t> before;
+  if (!has_times() || scans.size() < 3) return before;
+  std::vector<std::int64_t> steps;
+  for (std::size_t i = 1; i < scans.size(); ++i) steps.push_back(scans[i].utime - scans[i - 1].utime);
+  std::vector<std::int64_t> sorted = steps;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  const std::int64_t longest = std::max<std::int64_t>(1'000'000, 5 * *middle / 2);
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    if (steps[i] > longest) before.push_back(i + 1);
+  }
+  return before;
+}
+
 }  // namespace hp2

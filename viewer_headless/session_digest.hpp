@@ -1,6 +1,7 @@
 // One pass over the session's submaps: every scan with its final pose and diagnostics, the odometry between
 // keyposes, and the map's points handed on one by one.
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -36,6 +37,8 @@ struct SessionDigest {
   /// Seconds of every scan since the first one; scan numbers if the stamps do not rise.
   std::vector<double> times_s() const;
   bool has_times() const;
+  /// Indices of the scans before which others are missing, for longer than a second: no line is drawn across.
+  std::vector<std::size_t> gaps() const;
 };
 
 /// A point of the map in the map frame [m].

@@ -11,6 +11,7 @@
 
 #include "common/config.hpp"
 #include "common/error.hpp"
+#include "common/text.hpp"
 
 namespace hp2 {
 
@@ -72,8 +73,7 @@ Alignment parse_alignment(const std::string& word) {
   if (word == "se3") return Alignment::kSe3;
   if (word == "origin") return Alignment::kOrigin;
   if (word == "none") return Alignment::kNone;
-  throw Error("unknown alignment \"" + word + "\"", "--align",
-              "Did you mean \"" + nearest_word(word, {"se3", "origin", "none"}) + "\"?");
+  throw Error("unknown alignment \"" + word + "\"", "--align", did_you_mean(word, {"se3", "origin", "none"}));
 }
 
 Eigen::Matrix4d umeyama_se3(const std::vector<Eigen::Vector3d>& reference,

@@ -75,11 +75,38 @@ TEST(Remarks, FindLostStretchesGapsAndUnclosedRevisits) {
     return submap;
   };
   const auto found = remarks(s);
-  EXPECT_THAT(found, ::testing::Contains(
-                         HasSubstr("1 gaps in the stream; the longest lasts 3.10 s (usual: 0.100 s)")));
+  EXPECT_THAT(found,
+              ::testing::Contains(HasSubstr("There is 1 gap in the stream, of 3.10 s (usual: 0.100 s)")));
   EXPECT_THAT(found, ::testing::Contains(HasSubstr("no loop closure was accepted")));
   EXPECT_THAT(found, ::testing::Contains(HasSubstr("Tracking was lost")));
   EXPECT_THAT(found, ::testing::Contains(HasSubstr("29 scans were skipped")));
+}
+
+TEST(ReportData, DrawsNoLineAcrossAGap) {
+  auto s = session(1.5);
+  const auto read = s.view.read_submap;
+  s.view.read_submap = [read](std::int64_t id) {
+    Submap submap = read(id);
+    for (auto& scan : submap.scans) scan.utime += id >= 2 ? 10'000'000 : 0;
+    return submap;
+  };
+  const SessionDigest digest = digest_session(s.view, {});
+  ASSERT_EQ(digest.gaps().size(), 1U);
+  const auto data =
+      report_data(s.view, digest, std::nullopt, make_summary(s.view, digest, std::nullopt, -1), 1000);
+  EXPECT_EQ(data["gaps"], 1);
+  for (const char* name : {"final", "odometry"}) {
+    const auto& path = data["paths"][name];
+    ASSERT_EQ(std::count_if(path.begin(), path.end(), [](const auto& p) { return p[0].is_null(); }), 1)
+        << name;
+    // Both ends of the gap are drawn.
+    const auto at = std::find_if(path.begin(), path.end(), [](const auto& p) { return p[0].is_null(); });
+    const std::size_t before = digest.gaps()[0] - 1;
+    const auto& pose = std::string(name) == "final" ? digest.scans[before].map_from_sensor
+                                                    : digest.scans[before].odom_from_sensor;
+    EXPECT_NEAR((*std::prev(at))[0].get<double>(), pose.translation.x(),
+                1e-3 * (1 + std::abs(pose.translation.x())));
+  }
 }
 
 TEST(ReportData, ThinningKeepsEverySpikeAndTheSizeBounded) {
@@ -157,13 +184,18 @@ TEST(Report, OpensFromDiskInABrowserWithoutAConsoleErrorAndZooms) {
     const out = [];
     for (const canvas of document.querySelectorAll('canvas')) {
       const chart = Chart.getChart(canvas), box = canvas.getBoundingClientRect(), x = chart.scales.x, before = x.max - x.min;
-      const at = {clientX: box.left + (x.left + x.right) / 2, clientY: box.top + box.height / 2, bubbles: true, cancelable: true};
-      canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: -400, ...at}));
+      const at = {clientX: box.left + x.left + 0.81 * (x.right - x.left), clientY: box.top + box.height / 2, bubbles: true, cancelable: true};
+      canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: -1200, ...at}));
+      // All of a path is still there, however far it is zoomed in: its x does not rise.
+      const whole = !canvas.parentNode.classList.contains('square') || chart.data.datasets.every((d, i) => {
+        const c = chart.getDatasetMeta(i).controller;
+        return d.showLine === false || c._drawCount === undefined || c._drawCount === d.data.length;
+      });
       const zoomed = (chart.scales.x.max - chart.scales.x.min) / before;
       canvas.dispatchEvent(new MouseEvent('dblclick', at));
       const home = (chart.scales.x.max - chart.scales.x.min) / before;
       canvas.dispatchEvent(new MouseEvent('mousemove', at));
-      out.push([zoomed.toFixed(3), home.toFixed(2), chart.data.datasets.some(d => d.data.length > 10)].join(' '));
+      out.push([zoomed.toFixed(3), home.toFixed(2), chart.data.datasets.some(d => d.data.length > 10), whole].join(' '));
     }
     document.body.dataset.charts = out.join(';');
   </script></body>)";
@@ -200,7 +232,7 @@ TEST(Report, OpensFromDiskInABrowserWithoutAConsoleErrorAndZooms) {
     std::istringstream charts(dom.substr(from + 13, dom.find('"', from + 13) - from - 13));
     int n = 0;
     for (std::string chart; std::getline(charts, chart, ';'); ++n)
-      EXPECT_EQ(chart, "0.549 1.00 true") << "chart " << n;
+      EXPECT_EQ(chart, "0.166 1.00 true true") << "chart " << n;
     EXPECT_EQ(n, 8);
   }
 }

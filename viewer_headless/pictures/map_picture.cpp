@@ -183,18 +183,23 @@ void draw_height_legend(Canvas& canvas, const View& view, double unit) {
 }
 
 void draw_path(Canvas& canvas, const View& view, const SessionDigest& digest, double unit) {
-  std::vector<Eigen::Vector2d> path;
-  for (const ScanRecord& scan : digest.scans) {
-    const auto& t = scan.map_from_sensor.translation;
-    if (t.allFinite()) path.push_back(view(t.x(), t.y()));
+  std::vector<std::vector<Eigen::Vector2d>> pieces(1);  // of the path, without the gaps between them
+  const std::vector<std::size_t> gaps = digest.gaps();
+  for (std::size_t i = 0; i < digest.scans.size(); ++i) {
+    if (std::binary_search(gaps.begin(), gaps.end(), i)) pieces.emplace_back();
+    const auto& t = digest.scans[i].map_from_sensor.translation;
+    if (t.allFinite()) pieces.back().push_back(view(t.x(), t.y()));
   }
-  canvas.polyline(path, {0, 0, 0, 0.55}, 5 * unit);
-  canvas.polyline(path, kPath, 2.2 * unit);
-  if (path.empty()) return;
-  canvas.disc(path.front(), 9 * unit, {0, 0, 0});
-  canvas.disc(path.front(), 7 * unit, hex_color("3fd08a"));
-  canvas.disc(path.back(), 9 * unit, {0, 0, 0});
-  canvas.disc(path.back(), 7 * unit, hex_color("ff5a5f"));
+  pieces.erase(std::remove_if(pieces.begin(), pieces.end(), [](const auto& piece) { return piece.empty(); }),
+               pieces.end());
+  for (const auto& piece : pieces) canvas.polyline(piece, {0, 0, 0, 0.55}, 5 * unit);
+  for (const auto& piece : pieces) canvas.polyline(piece, kPath, 2.2 * unit);
+  if (pieces.empty()) return;
+  const Eigen::Vector2d start = pieces.front().front(), end = pieces.back().back();
+  canvas.disc(start, 9 * unit, {0, 0, 0});
+  canvas.disc(start, 7 * unit, hex_color("3fd08a"));
+  canvas.disc(end, 9 * unit, {0, 0, 0});
+  canvas.disc(end, 7 * unit, hex_color("ff5a5f"));
 }
 
 }  // namespace

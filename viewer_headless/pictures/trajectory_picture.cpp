@@ -1,4 +1,5 @@
 #include <cstdio>
+#include <limits>
 
 #include "common/drawing/chart.hpp"
 #include "viewer_headless/pictures/pictures.hpp"
@@ -34,7 +35,16 @@ std::string draw_trajectory(const SessionDigest& digest, const std::vector<Closu
   Curve odometry{"odometry (before)", hex_color("e69f00"), {}, 2.0, 9.0};
   Curve corrected{"final (after)", hex_color("0072b2"), {}, 3.0};
   corrected.start_and_end = true;
-  for (const ScanRecord& scan : digest.scans) {
+  const std::vector<std::size_t> gaps = digest.gaps();
+  auto gap = gaps.begin();
+  for (std::size_t i = 0; i < digest.scans.size(); ++i) {
+    const ScanRecord& scan = digest.scans[i];
+    if (gap != gaps.end() && *gap == i) {  // the line breaks
+      ++gap;
+      constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+      odometry.points.emplace_back(kNan, kNan);
+      corrected.points.emplace_back(kNan, kNan);
+    }
     odometry.points.emplace_back(scan.odom_from_sensor.translation.head<2>());
     corrected.points.emplace_back(scan.map_from_sensor.translation.head<2>());
   }

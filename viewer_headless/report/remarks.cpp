@@ -31,25 +31,29 @@ void remark_losses(const Json& summary, std::vector<Remark>& out) {
   const auto lost = summary.at("scans_lost").get<long long>(),
              skipped = summary.at("scans_skipped").get<long long>();
   if (lost > 0) {
-    out.push_back({Level::kProblem, text("%lld scans that were played have no pose.", lost),
+    out.push_back({Level::kProblem,
+                   text("%lld %s no pose.", lost,
+                        lost == 1 ? "scan that was played has" : "scans that were played have"),
                    "If the session is still running they may be in the open submap; otherwise run again with "
                    "--rate max, where "
                    "every scan is acknowledged."});
   }
   if (skipped > 0) {
     out.push_back({Level::kWarning,
-                   text("%lld scans were skipped because they came faster than they could be registered, or "
-                        "were missing in the stream.",
-                        skipped),
+                   text("%lld %s skipped: faster than scans could be registered, or missing in the stream.",
+                        skipped, skipped == 1 ? "scan was" : "scans were"),
                    "Use a lower --rate or --rate max, more --threads, or a larger voxel_size_m."});
   }
   for (const auto& [process, counters] : summary.at("counters").items()) {
     if (!counters.is_object()) continue;
     const auto rejected = counters.find("rejected");  // messages; closures_rejected are none
     if (rejected == counters.end() || !rejected->is_number() || rejected->get<double>() <= 0) continue;
-    out.push_back({Level::kWarning, process + " rejected " + rejected->dump() + " messages.",
-                   "Another program publishes damaged or foreign messages on the same LCM channels: give "
-                   "the run a port of its own."});
+    out.push_back(
+        {Level::kWarning,
+         process + " rejected " + rejected->dump() +
+             (rejected->get<double>() == 1 ? " message." : " messages."),
+         "The log of the process and the remarks here tell which and why. A driver of one's own that fills a "
+         "message wrongly is as likely as another program on the same LCM channels."});
   }
 }
 
@@ -59,16 +63,17 @@ void remark_tracking(const Json& summary, std::vector<Remark>& out) {
   const auto degenerate = summary.at("states").at("degenerate").get<long long>();
   if (lost > 0) {
     out.push_back({Level::kProblem,
-                   text("Tracking was lost in %lld scans (%.1f %%): their poses are predictions.", lost,
-                        100.0 * static_cast<double>(lost) / poses),
+                   text("Tracking was lost in %lld %s (%.1f %%): %s.", lost, lost == 1 ? "scan" : "scans",
+                        100.0 * static_cast<double>(lost) / poses,
+                        lost == 1 ? "its pose is a prediction" : "their poses are predictions"),
                    "Look at the red stretches below. Missing scans, a covered sensor or very fast turns are "
                    "the usual causes; check the "
                    "time stamps and the sensor's rate."});
   }
   if (static_cast<double>(degenerate) > 0.05 * poses) {
     out.push_back({Level::kWarning,
-                   text("In %lld scans (%.1f %%) the surroundings did not determine all directions.",
-                        degenerate, 100.0 * static_cast<double>(degenerate) / poses),
+                   text("In %lld %s (%.1f %%) the surroundings did not determine all directions.", degenerate,
+                        degenerate == 1 ? "scan" : "scans", 100.0 * static_cast<double>(degenerate) / poses),
                    "Long tunnels, bridges and open fields do that. Expect drift along the road there; a "
                    "larger max_range_m or a "
                    "sensor that sees more sideways helps."});
@@ -92,8 +97,10 @@ void remark_times(const SessionDigest& digest, const Json& summary, std::vector<
   if (gaps > 0) {
     out.push_back(
         {Level::kWarning,
-         text("There are %ld gaps in the stream; the longest lasts %.2f s (usual: %.3f s).",
-              static_cast<long>(gaps), *std::max_element(steps.begin(), steps.end()), usual),
+         gaps == 1 ? text("There is 1 gap in the stream, of %.2f s (usual: %.3f s).",
+                          *std::max_element(steps.begin(), steps.end()), usual)
+                   : text("There are %ld gaps in the stream; the longest lasts %.2f s (usual: %.3f s).",
+                          static_cast<long>(gaps), *std::max_element(steps.begin(), steps.end()), usual),
          "Scans are missing in the data, or were skipped. Over a long gap in a turn tracking can be lost."});
   }
   const auto& total = summary.at("milliseconds").at("total");

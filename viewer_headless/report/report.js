@@ -28,13 +28,13 @@
     if (title) add(c, element('h3', '', title));
     return add(parent, c), c;
   };
-  const table = (parent, head, rows, numeric = []) => {
+  const table = (parent, head, rows, numeric = []) => {  // a table that is wider than the page scrolls by itself
     const kind = i => numeric.includes(i) ? 'number' : '';
     const t = element('table');
     if (head) add(t, add(element('thead'), add(element('tr'), ...head.map((h, i) => element('th', kind(i), h)))));
     const cell = (v, i) => v instanceof Node ? add(element('td', kind(i)), v) : element('td', kind(i), v);
     add(t, add(element('tbody'), ...rows.map(r => add(element('tr'), ...r.map(cell)))));
-    return add(parent, t), t;
+    return add(parent, add(element('div', 'table'), t)), t;
   };
 
   // --- charts: hover by Chart.js, zoom and pan by what follows -------------------------------------------------------
@@ -106,10 +106,11 @@
       apply(chart);
     });
   };
-  const points = list => list.map(([x, y]) => ({x, y}));
+  // [null, null] is a break in the line.
+  const points = list => list.map(([x, y]) => x === null || y === null ? {x: NaN, y: NaN} : {x, y});
   const line = (label, list, color, extra = {}) => Object.assign({
     label, data: points(list), borderColor: color, backgroundColor: color, borderWidth: 1.6, pointRadius: 0, pointHitRadius: 6,
-    pointStyle: 'line', showLine: true, tension: 0
+    pointStyle: 'line', showLine: true, tension: 0, spanGaps: false
   }, extra);
   const chart = (parent, className, datasets, options) => {
     if (typeof Chart === 'undefined') {
@@ -125,7 +126,8 @@
     const c = new Chart(canvas, {
       type: 'scatter', data: {datasets}, plugins: [over],
       options: {
-        animation: false, maintainAspectRatio: false, parsing: false, normalized: true, group: options.group,
+        // Over time x rises from point to point; Chart.js would look for the visible part of a path likewise, and lose it.
+        animation: false, maintainAspectRatio: false, parsing: options.path ? undefined : false, normalized: !options.path, group: options.group,
         showStates: options.showStates, interaction: {mode: options.mode || 'nearest', axis: options.mode ? 'x' : 'xy', intersect: false},
         scales: {x: axis(options.x, options.xAxis), y: axis(options.y, options.yAxis)},
         plugins: {
@@ -140,11 +142,32 @@
     zoomable(c, options.zoom || ['x']);
     return c;
   };
+  // Few values far above all others would flatten the curve: the axis ends above the others until it is asked for all.
+  const usualTop = datasets => {
+    const values = datasets.flatMap(d => d.data).map(p => p.y).filter(Number.isFinite).sort((a, b) => a - b);
+    if (values.length < 20) return null;
+    const most = values[values.length - 1], usual = 1.4 * values[Math.floor(0.98 * (values.length - 1))];
+    return usual > 0 && most > 2.5 * usual ? {usual, most} : null;
+  };
   const overTime = (parent, title, datasets, y, yAxis = {}, className = '') => {
-    const lists = datasets.flatMap(d => d.data), xs = lists.map(p => p.x);
+    const lists = datasets.flatMap(d => d.data), xs = lists.map(p => p.x).filter(Number.isFinite);
     const range = xs.length ? {min: xs.reduce((a, b) => Math.min(a, b)), max: xs.reduce((a, b) => Math.max(a, b))} : {};
-    chart(card(parent, title), className, datasets,
-          {x: data.time_label, y, yAxis, xAxis: range, group: 'time', showStates: true, mode: 'nearest'});
+    const top = yAxis.beginAtZero ? usualTop(datasets) : null;
+    const c = card(parent, title);
+    const drawn = chart(c, className, datasets, {x: data.time_label, y, yAxis: top ? {...yAxis, max: top.usual} : yAxis, xAxis: range,
+      group: 'time', showStates: true, mode: 'nearest'});
+    if (!top || !drawn) return;
+    const beyond = datasets.flatMap(d => d.data).filter(p => p.y > top.usual).length;
+    const button = element('button', 'all');
+    let all = false;
+    const show = () => {
+      drawn.options.scales.y.max = all ? undefined : top.usual;
+      drawn.update('none');
+      button.textContent = all ? 'Cut the peaks off' : `${number(beyond, 0)} ${beyond === 1 ? 'value lies' : 'values lie'} above the axis, up to ${number(top.most, 1)} ${(y.match(/\[(.*)\]/) || ['', y])[1]}: show all`;
+    };
+    button.addEventListener('click', () => { all = !all; show(); });
+    show();
+    add(c, button);
   };
 
   // --- the page ------------------------------------------------------------------------------------------------------
@@ -182,19 +205,19 @@
     if (r.advice) add(c, element('p', '', r.advice));
   }
 
-  const where = section('Trajectory', 'Seen from above, map frame. Wheel: zoom. Drag: move. Double click: back. Click a name: hide it.');
+  const where = section('Trajectory', 'Seen from above, map frame. Wheel: zoom. Drag: move. Double click: back. Click a name: hide it.' + (data.gaps ? ` The ${data.gaps === 1 ? 'line breaks' : 'lines break'} where scans are missing.` : ''));
   const datasets = [];
   if (data.paths['ground truth']) datasets.push(line('ground truth', data.paths['ground truth'], '#9aa5b1', {borderWidth: 5, order: 5}));
   datasets.push(line('odometry', data.paths.odometry, colors.orange, {borderDash: [6, 4], order: 4}));
   datasets.push(line('final', data.paths.final, colors.blue, {borderWidth: 2.2, order: 3}));
   const links = data.closures.filter(c => c.accepted && c.line).flatMap(c => [...points(c.line), {x: NaN, y: NaN}]);
   if (links.length) datasets.push(line('accepted closures', [], colors.pink, {data: links, borderWidth: 2, order: 2, spanGaps: false}));
-  const ends = data.paths.final;
+  const ends = data.paths.final.filter(p => p[0] !== null);
   if (ends.length) {
     datasets.push(line('start', [ends[0]], colors.green, {showLine: false, pointStyle: 'circle', pointRadius: 6, order: 1}));
     datasets.push(line('end', [ends[ends.length - 1]], '#c1272d', {showLine: false, pointStyle: 'circle', pointRadius: 6, order: 1}));
   }
-  const map = chart(card(where), 'square', datasets, {x: 'x [m]', y: 'y [m]', zoom: ['x', 'y']});
+  const map = chart(card(where), 'square', datasets, {x: 'x [m]', y: 'y [m]', zoom: ['x', 'y'], path: true});
   if (map) {
     const all = datasets.flatMap(d => d.data).filter(p => Number.isFinite(p.x) && Number.isFinite(p.y));
     const span = k => all.reduce((b, p) => Math.max(b, p[k]), -Infinity) - all.reduce((a, p) => Math.min(a, p[k]), Infinity);
@@ -268,7 +291,8 @@
   table(card(time), ['stage', 'mean [ms]', 'median', '99 %', 'max'], Object.entries(summary.milliseconds).map(
     ([name, s]) => [name.replace('_', ' '), fixed(s.mean, 2), fixed(s.median, 2), fixed(s.p99, 2), fixed(s.max, 2)]), [1, 2, 3, 4]);
 
-  const loops = section('Loop closures');
+  const byPosition = data.closures.some(r => r.inliers === 0);
+  const loops = section('Loop closures', byPosition ? 'Inliers: features that agree between the two images from above. “by position”: the submaps were compared because the trajectory says that they overlap; the images were not needed.' : '');
   if (!data.closures.length) {
     add(card(loops), element('p', '', 'There was no candidate.'));
   } else {
@@ -276,14 +300,15 @@
     const c = card(loops);
     c.classList.add('scroll');
     table(c, ['from', 'to', 'verdict', 'inliers', 'overlap', 'residual [m]', 'distance [m]', 'angle [°]', 'why not'], data.closures.map(r => [
-      String(r.from), String(r.to), element('span', r.accepted ? 'yes' : 'no', r.accepted ? 'accepted' : 'refused'), number(r.inliers, 0),
+      String(r.from), String(r.to), element('span', r.accepted ? 'yes' : 'no', r.accepted ? 'accepted' : 'refused'), r.inliers === 0 ? 'by position' : number(r.inliers, 0),
       number(r.overlap, 2), number(r.residual, 3), number(r.distance, 1), number(r.angle, 1), r.reason]), [0, 1, 3, 4, 5, 6, 7]);
   }
 
   const ran = section('What ran');
   const processes = Object.entries(summary.processes);
   if (processes.length) {
-    table(card(ran, 'Processes'), ['process', 'version', 'host', 'state', 'peak memory [MB]', 'counters'], processes.map(([name, p]) => [
+    add(ran, element('p', 'hint', 'As each process spoke last before this page was written; what it did afterwards is in its log.'));
+    table(card(ran, 'Processes'), ['process', 'version', 'host', 'last words', 'peak memory [MB]', 'counters'], processes.map(([name, p]) => [
       name, String(p.version || ''), String(p.host || ''), String(p.text || p.state || ''), number(p.peak_memory_mb, 0),
       Object.entries(p.counters || {}).map(([k, v]) => `${k} ${number(v, 0)}`).join(', ')]), [4]);
   }

@@ -54,13 +54,25 @@ Json averaged(const std::vector<double>& x, const std::vector<double>& y, int po
   return out;
 }
 
-// A path seen from above, evenly thinned, its last point kept.
-Json path(const std::vector<Eigen::Vector2d>& points, int most) {
+// A path seen from above, evenly thinned, its last point kept. Before the points `breaks` (rising) the line
+// breaks: [null, null].
+Json path(const std::vector<Eigen::Vector2d>& points, int most, const std::vector<std::size_t>& breaks) {
   Json out = Json::array();
   const std::size_t n = points.size(), count = std::min<std::size_t>(n, static_cast<std::size_t>(most));
+  auto next = breaks.begin();
+  const auto put = [&](std::size_t i) { out.push_back({rounded(points[i].x()), rounded(points[i].y())}); };
+  std::size_t drawn = 0;
   for (std::size_t k = 0; k < count; ++k) {
-    const auto& p = points[count == 1 ? 0 : k * (n - 1) / (count - 1)];
-    out.push_back({rounded(p.x()), rounded(p.y())});
+    const std::size_t i = count == 1 ? 0 : k * (n - 1) / (count - 1);
+    for (; next != breaks.end() && *next <= i; ++next) {
+      if (*next == 0 || *next >= n) continue;
+      if (drawn + 1 < *next) put(*next - 1);  // both ends of the gap are kept
+      out.push_back({nullptr, nullptr});
+      if (*next < i) put(*next);
+      drawn = *next;
+    }
+    put(i);
+    drawn = i;
   }
   return out;
 }
@@ -103,7 +115,7 @@ Json accuracy(const GroundTruthComparison& truth, int points, Json& paths) {
   std::vector<Eigen::Vector2d> reference;
   const Trajectory in_map = transformed(truth.map_from_truth, truth.corrected.reference);
   for (const auto& pose : in_map.poses) reference.emplace_back(pose(0, 3), pose(1, 3));
-  paths["ground truth"] = path(reference, points);
+  paths["ground truth"] = path(reference, points, {});
   return {{"alignment", truth.alignment},
           {"ape", thinned(along, truth.corrected.ate_errors, points)},
           {"ape_odometry", thinned(along, truth.odometry.ate_errors, points)},
@@ -159,8 +171,10 @@ Json report_data(const SessionView& view, const SessionDigest& digest,
   }
   Json paths = Json::object();
   data["accuracy"] = truth ? accuracy(*truth, points, paths) : Json();
-  paths["odometry"] = path(odometry, points);
-  paths["final"] = path(corrected, points);
+  const std::vector<std::size_t> breaks = digest.gaps();
+  data["gaps"] = breaks.size();
+  paths["odometry"] = path(odometry, points, breaks);
+  paths["final"] = path(corrected, points, breaks);
   data["paths"] = paths;
   data["closures"] = closures(view, digest);
   data["closures_total"] = view.graph.closures.size();
