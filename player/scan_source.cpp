@@ -1,11 +1,13 @@
 #include "player/scan_source.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "common/error.hpp"
 #include "player/readers/drive.hpp"
 #include "player/readers/file_io.hpp"
 #include "player/readers/layout.hpp"
+#include "player/sweep/drive_sweep.hpp"
 #include "player/synthetic/synthetic_source.hpp"
 
 namespace hp2 {
@@ -49,7 +51,9 @@ std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOpt
     for (const std::string& name : kFormats) known += (known.empty() ? "" : ", ") + name;
     throw Error("unknown data set format", format, "Known are: " + known + ".");
   }
-  return make_source(open_drive(spec, format, options), options);
+  Drive drive = open_drive(spec, format, options);
+  settle_sweep(drive, options.sweep, options.first, options.kitti_correction);
+  return make_source(std::move(drive), options);
 }
 
 }  // namespace hp2

@@ -65,7 +65,9 @@ struct SourceOptions {
   std::string points_unit;    ///< Unit of the points: "m", "cm", "mm"; empty: find it.
   bool skip_damaged = false;  ///< A scan that cannot be read is an empty one; see ScanSource::damaged().
   int kitti_correction =
-      -1;  ///< Vertical angle correction of 0.205 degrees: 1 on, 0 off, -1 on for format "kitti" only.
+      -1;  ///< Vertical angles raised by 0.205 degrees: 1 yes, 0 no, -1 KITTI's formats, others if it fits.
+  /// How the points lie in the sweep: "auto", "given", or a reading (player/sweep/drive_sweep.hpp).
+  std::string sweep = "auto";
   std::string
       topic;  ///< Topic of a bag, channel of a log, sender's address in a capture; empty: the only one.
   std::string bin_layout;  ///< Layout of .bin records, e.g. "xyzi"; empty: recognise it.

@@ -24,13 +24,14 @@ namespace hp2 {
 namespace {
 
 struct Options {
-  std::string data, dataset, mode, config, poses, json;
+  std::string data, dataset, sweep = "auto", mode, config, poses, json;
   std::vector<std::string> settings;
   int threads = 2;
   std::size_t first = 0, count = 0, stride = 1;
   std::size_t drop = 0;
   double drop_share = 0.0;
   unsigned drop_seed = 1;
+  int kitti_correction = -1;
 };
 
 // What the front-end said of each scan, in order.
@@ -122,6 +123,8 @@ int run(const Options& options) {
 
   SourceOptions source_options;
   source_options.dataset = options.dataset;
+  source_options.sweep = options.sweep;
+  source_options.kitti_correction = options.kitti_correction;
   source_options.first = options.first;
   source_options.count = options.count;
   source_options.stride = options.stride;
@@ -240,6 +243,15 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 0.95));
   app.add_option("--drop-seed", options.drop_seed, "Seed of which ones")->capture_default_str();
   app.add_option("--dataset", options.dataset, "Format (default: recognised from the folder)");
+  app.add_option("--sweep", options.sweep, "How the points lie in the sweep, as hp2_player has it")
+      ->type_name("NAME")
+      ->capture_default_str();
+  app.add_option("--vertical-correction", options.kitti_correction,
+                 "Raise the vertical angles by 0.205 degrees, as KITTI's HDL-64E needs it: auto (KITTI's "
+                 "formats, and "
+                 "an HDL-64E whose scans then agree better), on, off")
+      ->type_name("auto|on|off")
+      ->transform(CLI::Transformer(std::map<std::string, int>{{"auto", -1}, {"on", 1}, {"off", 0}}));
   app.add_option("--config", options.config, "YAML file with a section \"frontend\"");
   app.add_option(
          "--set", options.settings,

@@ -132,6 +132,7 @@ Drive open_packet_capture(const std::string& path, const SourceOptions& options)
   const auto sensor = senders[source].sensor;
   Drive drive;
   drive.info = {stem(base_name(path)), "pcap", sensor->name(), path};
+  drive.sweep_in_doubt = false;  // the sensor stamps what it fires
   const ReadPackets read_packets = [capture, source, sensor](std::uint64_t first, std::uint64_t last,
                                                              const UsePacket& use) {
     const auto is_ours = [&](const Datagram& datagram) {

@@ -1,5 +1,7 @@
 // hp2_player: plays a logged or synthetic drive to the front-end.
 #include <cstdio>
+#include <map>
+#include <string>
 
 #include "common/error.hpp"
 #include "common/evaluation/trajectory.hpp"
@@ -75,6 +77,18 @@ int main(int argc, char** argv) {
   app.add_option("--metadata", source_options.metadata,
                  "Ouster's metadata JSON of a packet capture, if it does not lie beside it")
       ->type_name("FILE");
+  app.add_option(
+         "--sweep", source_options.sweep,
+         "How the points lie in the sweep: auto (as the scans agree best), given (as the file says), "
+         "compensated, reversed, clockwise[:DEG], counterclockwise[:DEG] (azimuth where a sweep begins)")
+      ->type_name("NAME")
+      ->capture_default_str();
+  app.add_option("--vertical-correction", source_options.kitti_correction,
+                 "Raise the vertical angles by 0.205 degrees, as KITTI's HDL-64E needs it: auto (KITTI's "
+                 "formats, and "
+                 "an HDL-64E whose scans then agree better), on, off")
+      ->type_name("auto|on|off")
+      ->transform(CLI::Transformer(std::map<std::string, int>{{"auto", -1}, {"on", 1}, {"off", 0}}));
   app.add_option("--write-ground-truth", ground_truth,
                  "Play nothing: write the drive's ground truth for hp2_eval (TUM format, LiDAR's frame, end "
                  "of each sweep)")

@@ -260,6 +260,7 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
                                " cannot be told: each scan's times are stretched over a whole sweep");
   }
   set_times(drive, stamps, has_times ? unit.duration_us : 0);
+  drive.stamp_in_sweep = found.are_starts ? 0.0 : 0.5;
   if (found.are_starts || unit.absolute)
     for (std::size_t i = 0; i < stamps.size(); ++i) drive.scans[i].utime = stamps[i] + unit.start_us;
   drive.time_in_sweep = has_times ? describe(unit) : "";

@@ -95,6 +95,7 @@ Drive open_helipr(const std::string& given, const SourceOptions& options) {
   const std::vector<std::string> names = list_bin_scans(scans);
   Drive drive;
   drive.info = {base_name(drive_folder) + "-" + sensor, "helipr", sensor, given};
+  drive.sweep_in_doubt = false;
   const auto stamps = stamps_of_names(scans, names, drive.warnings);
 
   std::vector<std::vector<double>> samples;

@@ -150,6 +150,7 @@ Drive open_kitti_raw(const std::string& given, const SourceOptions& options) {
                 "Scans are .bin files there (or .txt in older copies).");
   Drive drive;
   drive.info = {base_name(folder), "kitti-raw", "hdl64", folder};
+  drive.sweep_in_doubt = false;
   std::vector<std::size_t> frames;
   for (std::size_t i = 0; i < names.size(); ++i) {
     frames.push_back(frame_of(names[i], i));
@@ -172,7 +173,12 @@ Drive open_kitti_raw(const std::string& given, const SourceOptions& options) {
   }
   set_ground_truth(folder, frames, drive);
 
-  const bool correct = options.kitti_correction > 0;
+  const bool correct = options.kitti_correction != 0;
+  if (correct)
+    drive.warnings.push_back(
+        "the vertical angles are corrected by 0.205 degrees, as KITTI's HDL-64E needs it "
+        "(--vertical-correction off "
+        "takes them as they are)");
   drive.decode = [text, correct](const DriveScan& entry, Scan& scan) {
     if (text) {
       parse_text_scan(entry.path, scan);

@@ -34,6 +34,7 @@ Drive open_mulran(const std::string& given) {
   const std::vector<std::string> names = list_bin_scans(scans);
   Drive drive;
   drive.info = {base_name(folder), "mulran", "os1-64", folder};
+  drive.sweep_in_doubt = false;
   const auto stamps = stamps_of_names(scans, names, drive.warnings);
   const std::int64_t sweep_us = estimate_sweep(stamps);
   std::size_t damaged = 0;

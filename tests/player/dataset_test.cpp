@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "player/readers/point_file.hpp"
 #include "player/scan_source.hpp"
 #include "tests/player/test_files.hpp"
 
@@ -57,9 +58,18 @@ void write_kitti_raw(const TemporaryFolder& folder) {
 TEST(KittiRaw, PointsTimesAndPoses) {
   const TemporaryFolder folder;
   write_kitti_raw(folder);
-  const auto source = open_source(folder / "2011_09_26/2011_09_26_drive_0009_sync");
+  SourceOptions options;
+  options.kitti_correction = 0;
+  const std::string drive = folder / "2011_09_26/2011_09_26_drive_0009_sync";
+  const auto source = open_source(drive, options);
   EXPECT_EQ(source->info().format, "kitti-raw");
   EXPECT_TRUE(source->warnings().empty());
+  // As the scans of the odometry benchmark they are corrected unless that is turned off.
+  const auto corrected = open_source(drive);
+  EXPECT_THAT(corrected->warnings().at(0), HasSubstr("0.205 degrees"));
+  Scan expected = make_points(20, 3);
+  correct_kitti_vertical_angle(expected);
+  test::expect_same_points(corrected->read(2), expected);
   ASSERT_EQ(source->size(), 3U);
   const Scan last = source->read(2);  // frame 3
   test::expect_same_points(last, make_points(20, 3));
@@ -114,7 +124,9 @@ TEST(KittiRaw, ScansOfAnySize) {
   const std::string drive = "2011_09_26/2011_09_26_drive_0009_sync/";
   folder.write(drive + "velodyne_points/data/0000000000.bin", bin_of(make_points(250'000)));
   folder.write(drive + "velodyne_points/data/0000000001.bin", bin_of(make_points(10)));
-  const auto source = open_source(folder / drive);
+  SourceOptions options;
+  options.kitti_correction = 0;
+  const auto source = open_source(folder / drive, options);
   const Scan large = source->read(0);
   test::expect_same_points(large, make_points(250'000));
   EXPECT_EQ(large.time.size(), 250'000U);
