@@ -115,7 +115,7 @@ PointReading find_reading(const std::vector<std::string>& paths, const std::stri
       // As above.
     }
   }
-  if (!ranges.empty()) {
+  if (!ranges.empty() && kind_of(base_name(paths[0])) != ".las") {  // LAS has its unit in its header
     const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
     std::nth_element(ranges.begin(), middle, ranges.end());
     // Half of the points beyond what a sensor sees, or whole numbers and beyond what a metre's steps resolve.
