@@ -14,9 +14,9 @@ namespace hp2 {
 
 /// The points of a scan that a trial needs.
 struct TrialScan {
-  std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m], one a voxel.
-  std::vector<float> azimuth_rad;       ///< One a point.
-  std::vector<float> given;             ///< Time in the sweep, one a point; empty: absent.
+  std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m], one per voxel.
+  std::vector<float> azimuth_rad;       ///< One per point.
+  std::vector<float> given;             ///< Time in the sweep, one per point; empty: absent.
   std::vector<std::uint32_t> source;    ///< Of these, the ones that are registered.
   double utime_s = 0.0;                 ///< Of the scan, whatever instant it marks.
 };
