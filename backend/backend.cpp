@@ -4,13 +4,17 @@
 #include <chrono>
 #include <utility>
 
+#include <spdlog/spdlog.h>
+
 #include "backend/closures/loop_closer.hpp"
+#include "backend/graph/derived.hpp"
 #include "backend/graph/motion_smoothing.hpp"
 #include "backend/graph/pieces.hpp"
 #include "backend/graph/pose_graph.hpp"
 #include "backend/graph/scan_refinement.hpp"
 #include "backend/places/loop_candidates.hpp"
 #include "common/error.hpp"
+#include "common/session/damage.hpp"
 
 namespace hp2 {
 namespace {
@@ -49,14 +53,21 @@ void check_submap(const Submap& submap, std::int64_t expected_id) {
 class Backend::Impl {
  public:
   Impl(const BackendConfig& config, SessionStore& store)
-      : config_(config), store_(store), index_(config), closer_(config, store), graph_(store.read_graph()) {
+      : config_(config), store_(store), index_(config), closer_(config, store), graph_(read_graph(store)) {
     for (std::int64_t id = 0; id < store.submap_count(); ++id) {
       submaps_.push_back(store.read_submap(id, false));
-      if (id > 0) odometry_.push_back(edge_to(submaps_.back(), static_cast<std::size_t>(id - 1)));
-      auto [place, features] = decode_place(store.read_place(id), "submap " + std::to_string(id));
+      auto [place, features] = take_place(id);
       index_.add_place(std::move(place));
       index_.add_features(features);
     }
+    if (has_derived(graph_, submaps_)) return;
+    // Of an older version, or damaged: what follows from the submaps is computed again.
+    const auto smoothed = store.read_meta()[kScansSmoothed];
+    graph_.odometry = odometry_edges(submaps_);
+    graph_.trajectory = final_trajectory(submaps_, graph_, graph_.ended && smoothed == "yes");
+    SessionChange change;
+    change.graph = &graph_;
+    store.commit(change);
   }
 
   BackendUpdate add_submap(const Submap& submap, const std::vector<std::uint8_t>& frontend_state, bool last) {
@@ -83,22 +94,22 @@ class Backend::Impl {
 
     // Whatever fails from here on, the back-end must be left as it was.
     index_.add_place(std::move(place));
-    if (submap.id > 0) odometry_.push_back(edge_to(submap, submaps_.size() - 1));
+    change.new_edges_from = next.odometry.size();
+    if (submap.id > 0) next.odometry.push_back(edge_to(submap, submaps_.size() - 1));
     try {
       if (config_.loop_closing) {
         update.graph_changed =
-            closer_.close(submap, features, index_, odometry_, next, change.changed_closures);
+            closer_.close(submap, features, index_, next.odometry, next, change.changed_closures);
       }
       set_map_from_odom(submap.odom_from_submap, next);
       // The submap before ended freely until now; its last scan is this one's keypose.
       // A session that had ended goes on: its scans are as they were before they were smoothed.
-      rebuild_trajectory(update.graph_changed || graph_.ended ? 0 : std::max<std::int64_t>(submap.id - 1, 0),
-                         &submap, next);
+      change.moved_from = update.graph_changed || graph_.ended ? 0 : std::max<std::int64_t>(submap.id - 1, 0);
+      rebuild_trajectory(change.moved_from, &submap, next);
       append_trajectory(submap, nullptr, next.map_from_submap, next.trajectory);
       store_.commit(change);
     } catch (...) {
       index_.remove_newest_place();
-      if (submap.id > 0) odometry_.pop_back();
       throw;
     }
     index_.add_features(features);
@@ -119,11 +130,11 @@ class Backend::Impl {
     change.graph = &next;
     if (config_.loop_closing && !submaps_.empty()) {
       update.graph_changed =
-          closer_.close_all(index_, odometry_, kFinalChecks, next, change.changed_closures);
+          closer_.close_all(index_, next.odometry, kFinalChecks, next, change.changed_closures);
       set_map_from_odom(submaps_.back().odom_from_submap, next);
       rebuild_trajectory(0, nullptr, next);
     }
-    // Whoever reads the session derives the same trajectory; until the session has ended this says nothing.
+    change.new_edges_from = next.odometry.size();
     store_.write_meta({{kScansSmoothed, config_.smooth_scans ? "yes" : "no"}});
     if (config_.smooth_scans) smooth_trajectory(submaps_, next.trajectory);
     store_.commit(change);
@@ -135,6 +146,27 @@ class Backend::Impl {
   const GraphState& graph() const { return graph_; }
 
  private:
+  static GraphState read_graph(const SessionStore& store) {
+    std::vector<std::string> said;
+    GraphState graph = store.read_graph(OnDamage::kThrow, &said);
+    for (const std::string& text : said) spdlog::warn("{}", text);
+    return graph;
+  }
+
+  // The place of a stored submap; one that is damaged or of an older version is made again.
+  std::pair<Place, Features> take_place(std::int64_t id) {
+    const std::string name = "submap " + std::to_string(id);
+    try {
+      return decode_place(store_.read_place(id), name);
+    } catch (const DamageError&) {
+      spdlog::warn("the place of {} cannot be read and is made again", name);
+    }
+    auto made = make_place(store_.read_submap(id),
+                           index_.places().empty() ? nullptr : &index_.places().back(), config_);
+    store_.write_place(id, encode_place(made.first, made.second));
+    return made;
+  }
+
   static void set_map_from_odom(const Pose& odom_from_newest, GraphState& graph) {
     graph.map_from_odom = graph.map_from_submap.back() * odom_from_newest.inverse();
   }
@@ -171,8 +203,7 @@ class Backend::Impl {
   PlaceIndex index_;
   LoopCloser closer_;
   GraphState graph_;
-  std::vector<Submap> submaps_;      // without points
-  std::vector<GraphEdge> odometry_;  // between consecutive keyposes
+  std::vector<Submap> submaps_;  // without points
 };
 
 Backend::Backend(const BackendConfig& config, SessionStore& store)

@@ -1,6 +1,7 @@
 // What a session amounts to: the corrected trajectory, the graph and its closures. The back-end makes it, the
 // viewer draws it.
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -24,6 +25,14 @@ struct ClosureRecord {
   std::string reason;  ///< Why not; empty if accepted.
 };
 
+/// A measured relative pose between two keyposes.
+struct GraphEdge {
+  std::size_t from = 0, to = 0;  ///< Submaps.
+  Pose from_from_to;             ///< Frame of `to` into that of `from`.
+  Matrix6d information =
+      Matrix6d::Identity();  ///< Right increments (rho [m], phi [rad]) in the frame of `to`.
+};
+
 /// One scan's final pose.
 struct TrajectoryPose {
   std::int64_t sequence = 0;
@@ -39,6 +48,7 @@ struct GraphState {
   bool ended = false;                      ///< The session is complete and refined.
   std::vector<Pose> map_from_submap;       ///< Keyposes, one per submap.
   Pose map_from_odom;                      ///< Of the newest submap.
+  std::vector<GraphEdge> odometry;         ///< Between consecutive keyposes, as the back-end weighs it.
   std::vector<ClosureRecord> closures;     ///< All verdicts.
   std::vector<TrajectoryPose> trajectory;  ///< All scans of the finished submaps, in order of sequence.
 };

@@ -15,8 +15,8 @@ usage() {
 usage: scripts/run_slam.sh DATA --out DIR [options]
 
   DATA              folder or file of a drive (its format is recognised), or synthetic:SCENE[:SEED]
-  --out DIR         where the results go. An unfinished session of the same drive and settings that is in it
-                    is gone on with; one that is complete, or another drive's, is refused and left as it is
+  --out DIR         where the results go. A session of the same drive and settings that is in it is gone on with
+                    until its results are written; a finished one, or another drive's, is refused and left as it is
   --overwrite       throw away the session and the results in --out, and begin anew
   --dataset NAME    format of the drive, if it is not to be recognised
   --topic NAME      topic of a bag, channel of a log, or sender's address in a packet capture, if there are several
@@ -48,8 +48,10 @@ quoted() {
   printf '%s' "${words% }"
 }
 
+# The user is spoken to through 3: later on stderr goes to a log, which may be on a full disk.
+exec 3>&2
 die() {
-  echo "run_slam.sh: $1" >&2
+  echo "run_slam.sh: $1" >&3
   exit "${2:-1}"
 }
 
@@ -97,6 +99,11 @@ done
 logs=$out/logs session=$out/session
 if ! mkdir -p "$logs" 2>/dev/null || ! (: >"$logs/.writable") 2>/dev/null; then
   die "the output folder cannot be written: $out. Choose another one with --out, or make it writable."
+fi
+# An empty file fits on a full disk; what a run begins with does not.
+if ! (head -c 65536 /dev/zero >"$logs/.writable") 2>/dev/null; then
+  rm -f "$logs/.writable"
+  die "the disk is full: nothing can be written to $out. Free some space on it, or choose another folder with --out."
 fi
 rm -f "$logs/.writable"
 
@@ -152,7 +159,7 @@ if ! said=$("$bin/hp2_control" check --quick --lcm-url "$url" 2>&1); then
 fi
 
 if [ "$overwrite" = 1 ]; then
-  rm -f "$session"/session.sqlite{,-wal,-shm} "$out"/poses_{tum,kitti,odometry_kitti}.txt "$out"/map.{ply,pcd} \
+  rm -f "$session"/session.sqlite{,-wal,-shm,.new} "$out"/poses_{tum,kitti,odometry_kitti}.txt "$out"/map.{ply,pcd} \
     "$out"/{map_topdown,trajectory}.png "$out"/{summary.json,report.html,closures.csv,graph.g2o} "$out/lcm_url" \
     "$logs"/{backend,viewer,frontend,player,run_slam}.log
 fi
@@ -168,8 +175,8 @@ meta=(--meta "data=$data" --meta "command=$(quoted run_slam.sh "$data" --rate "$
   --meta "host=$(uname -n)" --meta "started=$(date -u +%Y-%m-%dT%H:%M:%SZ)" "${same[@]}")
 truth=(--ground-truth "$data" ${selection[@]+"${selection[@]}"})
 
-# From here on the user is spoken to through 3: the shell has words of its own on processes that were killed.
-exec 3>&2 2>>"$logs/run_slam.log"
+# The shell has words of its own on processes that were killed: they are for the log.
+exec 2>>"$logs/run_slam.log"
 
 declare -A pid=() tries=() ended=()
 names=(backend viewer frontend player)
@@ -191,11 +198,17 @@ write_stored() {
     echo "no submap was finished: there are no results" >&3
     return
   fi
-  if [ "${ended[viewer]:-1}" != 0 ] &&
-    ! timeout -k 2 "$1" "${again[@]}" "${truth[@]}" ${configured[@]+"${configured[@]}"} >/dev/null 2>>"$logs/viewer.log"; then
-    echo "$holds are stored in $session; the results could not be written in $1 s. Write them with" >&3
-    echo "  $(quoted "${again[@]}")" >&3
-    return
+  if [ "${ended[viewer]:-1}" != 0 ]; then
+    local status=0 why
+    timeout -k 2 "$1" "${again[@]}" "${truth[@]}" ${configured[@]+"${configured[@]}"} >/dev/null 2>>"$logs/viewer.log" ||
+      status=$?
+    if [ "$status" != 0 ]; then
+      why="in $1 s"
+      [ "$status" = 124 ] || [ "$status" = 137 ] || why="($(tail -n 1 "$logs/viewer.log" 2>/dev/null))"
+      echo "$holds are stored in $session; the results could not be written $why. Write them with" >&3
+      echo "  $(quoted "${again[@]}")" >&3
+      return
+    fi
   fi
   echo "$holds are stored in $session, and their results written to $out" >&3
 }
@@ -239,7 +252,8 @@ fail() {
 trap 'interrupt' INT TERM HUP
 trap 'stop_at_once' EXIT
 for name in "${names[@]}"; do
-  echo "--- $(date -u +%Y-%m-%dT%H:%M:%SZ) $drive" >>"$logs/$name.log"
+  (echo "--- $(date -u +%Y-%m-%dT%H:%M:%SZ) $drive" >>"$logs/$name.log") 2>/dev/null ||
+    die "$logs/$name.log cannot be written. Free some space on its disk, or choose another folder with --out."
   tries[$name]=0
   start "$name"
 done

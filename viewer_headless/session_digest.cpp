@@ -48,13 +48,12 @@ std::vector<double> SessionDigest::times_s() const {
 
 SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
   SessionDigest digest;
+  digest.odometry = view.graph.odometry;
   std::vector<TrajectoryPose> trajectory = view.graph.trajectory;
   const auto by_sequence = [](const auto& a, const auto& b) { return a.sequence < b.sequence; };
   std::stable_sort(trajectory.begin(), trajectory.end(), by_sequence);
 
   Pose start_from_odom;  // the odometry's way begins where the map does
-  Submap before;         // its scans alone
-  std::int64_t utime_before = 0;
   for (std::int64_t id = 0; id < view.submap_count; ++id) {
     const Submap submap = view.read_submap(id);
     const auto index = static_cast<std::size_t>(id);
@@ -79,10 +78,6 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
     }
     if (sink) hand_on_points(submap, map_from_submap, map_from_sensor, sink);
     digest.map_from_submap.push_back(map_from_submap);
-    if (id > 0) digest.odometry.push_back(odometry_edge(before, submap, utime_before));
-    utime_before = before.scans.empty() ? 0 : before.scans.back().utime;
-    before.id = id;
-    before.scans = submap.scans;
     digest.scans_skipped += submap.scans_skipped;
   }
   // Scans that the trajectory knows but no readable submap holds still have a pose to write; unique() keeps

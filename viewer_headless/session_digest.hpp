@@ -9,7 +9,6 @@
 
 #include <Eigen/Core>
 
-#include "backend/graph/pieces.hpp"
 #include "viewer_headless/session_view.hpp"
 
 namespace hp2 {

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include <spdlog/spdlog.h>
+
 #include "backend/graph/pieces.hpp"
+#include "common/session/damage.hpp"
 
 namespace hp2 {
 
@@ -128,9 +131,14 @@ bool LoopCloser::check(std::int64_t to, const Candidate& candidate, const PlaceI
     refuse("other places look as much like it, and odometry says nothing of them");
   } else {
     --budget;
-    record = verify_closure(*load(candidate.from, index), *load(to, index), candidate.guess, bound,
-                            candidate.max_path_distance_m, alike ? kAlikeReach_m : kNearReach_m, kReach_rad,
-                            closures_of(graph.closures, to) == 0, config_);
+    try {
+      record = verify_closure(*load(candidate.from, index), *load(to, index), candidate.guess, bound,
+                              candidate.max_path_distance_m, alike ? kAlikeReach_m : kNearReach_m, kReach_rad,
+                              closures_of(graph.closures, to) == 0, config_);
+    } catch (const DamageError& e) {
+      spdlog::warn("{}", e.what());
+      refuse("what is stored of one of them is damaged");
+    }
   }
   record.inliers = candidate.inliers;
   changed.push_back(graph.closures.size());

@@ -4,16 +4,9 @@
 #include <vector>
 
 #include "common/geometry/pose.hpp"
+#include "common/session.hpp"
 
 namespace hp2 {
-
-/// A measured relative pose between two nodes.
-struct GraphEdge {
-  std::size_t from = 0, to = 0;
-  Pose from_from_to;
-  Matrix6d information =
-      Matrix6d::Identity();  ///< Right increments (rho [m], phi [rad]) in the frame of `to`.
-};
 
 /// Error log(z^-1 a^-1 b) of an edge and its derivatives by right increments of the nodes, a Exp(x) and b
 /// Exp(y).

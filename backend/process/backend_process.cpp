@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 
 #include "common/error.hpp"
+#include "common/session/damage.hpp"
 #include "common/transport/channels.hpp"
 #include "common/transport/peer_summary.hpp"
 
@@ -37,7 +38,7 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
       reader_(options.session_folder, SessionStore::Access::kReadOnly),
       loader_(
           [this](std::int64_t id) {
-            return EncodedMessage(encode_submap({reader_.read_submap(id), {}, false}, worker_.session_id()));
+            return EncodedMessage(encode_submap({read_submap(id), {}, false}, worker_.session_id()));
           },
           2, 1),
       control_(endpoint_, "hp2_backend",
@@ -95,6 +96,20 @@ void BackendProcess::on_snapshot(SessionSnapshot s) {
   trajectory_.offer(now_.revision, now_.revision + 1, now_.ended);
   session_submaps_.offer(0, now_.submap_count, now_.last_stored);
   publish_correction();
+}
+
+// For viewers; in the loader's thread. Of a damaged one they get what is left.
+Submap BackendProcess::read_submap(std::int64_t id) {
+  try {
+    return reader_.read_submap(id);
+  } catch (const DamageError&) {
+    std::vector<std::string> said;
+    Submap submap = reader_.read_what_is_left(id, said);
+    bus_.post([this, said] {
+      for (const std::string& text : said) presence_.warn(text);
+    });
+    return submap;
+  }
 }
 
 EncodedMessagePtr BackendProcess::resume_message() {
@@ -206,6 +221,10 @@ bool BackendProcess::tick() {
   endpoint_.poll();
   watch_submaps();
   if (opened_ && bus_.now_us() - last_correction_us_ > kCorrectionPeriodUs) publish_correction();
+  if (now_.ended && written_revision_ != now_.revision && !done_viewers_.empty()) {
+    written_revision_ = now_.revision;
+    worker_.write_meta({{kResultsWritten, std::to_string(written_revision_)}});
+  }
   keep_statuses(false);
   report();
   presence_.poll();

@@ -36,6 +36,7 @@ class BackendProcess {
 
  private:
   void on_snapshot(SessionSnapshot snapshot);
+  Submap read_submap(std::int64_t id);
   EncodedMessagePtr resume_message();
   void ask_again(const std::string& why);
   void watch_submaps();
@@ -63,6 +64,7 @@ class BackendProcess {
   std::int64_t frontend_us_ = 0;         // a front-end was there
   std::set<std::int64_t> done_viewers_;  // have written the whole session
   int refusals_ = 0;                     // of the submap that is next, one after another
+  std::int64_t written_revision_ = -1;   // a viewer has written its results
   int exit_status_ = 0;
 };
 

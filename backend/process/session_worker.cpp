@@ -13,7 +13,9 @@ SessionWorker::SessionWorker(const std::string& folder, const BackendConfig& con
                              std::function<void(SessionSnapshot)> sink)
     : store_(folder), backend_(config, store_), session_id_(store_.session_id()), sink_(std::move(sink)) {
   closures_told_ = backend_.graph().closures.size();
-  frontend_state_ = std::make_shared<const std::vector<std::uint8_t>>(store_.read_frontend_state());
+  // Once the last submap is stored nobody goes on from the state.
+  frontend_state_ = std::make_shared<const std::vector<std::uint8_t>>(
+      store_.last_submap_stored() ? std::vector<std::uint8_t>() : store_.read_frontend_state());
   // A session whose last submap was stored, but not refined, when the process died is refined now.
   jobs_.emplace_back([this] {
     if (store_.last_submap_stored() && !backend_.graph().ended) backend_.finish();

@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "common/error.hpp"
+#include "common/session/session_file.hpp"
 #include "common/session/session_lock.hpp"
 #include "common/session/session_store.hpp"
 
@@ -16,11 +17,16 @@ std::string counted(std::size_t scans, std::int64_t submaps) {
 
 }  // namespace
 
+std::int64_t stored_session_id(const std::string& folder) {
+  if (!session_begun(folder)) return 0;
+  return SessionStore(folder, SessionStore::Access::kReadOnly).session_id();
+}
+
 std::string check_session(const std::string& folder, const std::map<std::string, std::string>& meta) {
-  namespace fs = std::filesystem;
   std::error_code ec;
-  if (!fs::exists(fs::path(folder) / "session.sqlite", ec)) return "a new session in " + folder;
-  { const SessionLock nobody_else(folder); }
+  if (!std::filesystem::exists(session_path(folder), ec)) return "a new session in " + folder;
+  const SessionLock nobody_else(folder);
+  if (!session_begun(folder)) return "a new session in " + folder;
   const SessionStore store(folder, SessionStore::Access::kReadOnly);
   const auto stored = store.read_meta();
   const auto text = [&stored](const std::string& key) {
@@ -29,7 +35,7 @@ std::string check_session(const std::string& folder, const std::map<std::string,
   };
   const GraphState graph = store.read_graph();
   const std::string holds = counted(graph.trajectory.size(), store.submap_count());
-  if (store.last_submap_stored() || graph.ended) {
+  if (store.results_written()) {
     const std::string drive = text("drive");
     throw Error("the session is complete: " + holds + (drive.empty() ? "" : " of " + drive), folder,
                 "A complete session is not added to: choose another folder.");
@@ -44,7 +50,11 @@ std::string check_session(const std::string& folder, const std::map<std::string,
                       : "the session was begun with other settings",
                 folder, "Go on with the same drive and settings, or choose another folder.");
   }
-  return "going on with the session in " + folder + ": " + holds + " are stored";
+  if (!store.last_submap_stored()) store.read_frontend_state();  // damaged, nothing can go on from it
+  const std::string what = graph.ended                  ? ", their results are not written yet"
+                           : store.last_submap_stored() ? ", all of the drive, which is not refined yet"
+                                                        : "";
+  return "going on with the session in " + folder + ": " + holds + " are stored" + what;
 }
 
 }  // namespace hp2

@@ -2,7 +2,7 @@
 
 #include <sqlite3.h>
 
-#include "common/error.hpp"
+#include "common/session/damage.hpp"
 
 namespace hp2::sqlite {
 namespace {
@@ -31,8 +31,9 @@ std::string escaped(const std::string& path) {
 }  // namespace
 
 Database::Database(const std::string& path, Mode mode) : path_(path) {
-  int flags =
-      mode == Mode::kReadWriteCreate ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE : SQLITE_OPEN_READONLY;
+  int flags = SQLITE_OPEN_READONLY;
+  if (mode == Mode::kReadWrite) flags = SQLITE_OPEN_READWRITE;
+  if (mode == Mode::kReadWriteCreate) flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
   std::string name = path;
   if (mode == Mode::kImmutable) {
     flags |= SQLITE_OPEN_URI;
@@ -60,8 +61,7 @@ void Database::execute(const std::string& sql) {
 
 std::int64_t Database::number(const std::string& sql) {
   Statement s(*this, sql);
-  if (!s.step())
-    throw Error("the session is damaged: a record is missing", path_, "Start a new session folder.");
+  if (!s.step()) throw damage("a record is missing", path_);
   return s.number(0);
 }
 
@@ -85,7 +85,7 @@ void Database::fail(int rc) const {
                   "Check that the folder exists and that you may read and write it.");
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
-      throw Error(
+      throw DamageError(
           "the session is damaged or is none (" + said + ")", path_,
           "Choose another session folder; `sqlite3 FILE .recover` may save what is left of this one.");
     case SQLITE_BUSY:

@@ -14,7 +14,7 @@ using Bytes = std::vector<std::uint8_t>;
 /// An open database file.
 class Database {
  public:
-  enum class Mode { kReadWriteCreate, kReadOnly, kImmutable };
+  enum class Mode { kReadWriteCreate, kReadWrite, kReadOnly, kImmutable };
 
   /// @throws Error if `path` cannot be opened so
   Database(const std::string& path, Mode mode);

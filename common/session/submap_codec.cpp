@@ -5,7 +5,7 @@
 #include <cstring>
 #include <utility>
 
-#include "common/error.hpp"
+#include "common/session/damage.hpp"
 
 namespace hp2 {
 namespace {
@@ -27,6 +27,13 @@ std::uint64_t checksum(const std::uint8_t* p, std::size_t n) {
   return h;
 }
 
+// Of versions 1 and 2: byte by byte.
+std::uint64_t old_checksum(const std::uint8_t* p, std::size_t n) {
+  std::uint64_t h = 1469598103934665603ULL;
+  for (std::size_t i = 0; i < n; ++i) h = (h ^ p[i]) * 1099511628211ULL;
+  return h;
+}
+
 constexpr std::size_t kPointBytes = 12 + 3 + 4;
 
 std::int8_t quantised(float v) {
@@ -34,6 +41,15 @@ std::int8_t quantised(float v) {
 }
 
 }  // namespace
+
+void BlobWriter::put_matrix(const Matrix6d& matrix) {
+  for (int i = 0; i < 36; ++i) put(matrix(i / 6, i % 6));
+}
+
+void BlobWriter::put_text(const std::string& text) {
+  put(static_cast<std::uint32_t>(text.size()));
+  bytes_.insert(bytes_.end(), text.begin(), text.end());
+}
 
 void BlobWriter::put_pose(const Pose& pose) {
   for (int i = 0; i < 4; ++i) put(pose.rotation.coeffs()[i]);
@@ -52,19 +68,15 @@ BlobReader::BlobReader(const std::vector<std::uint8_t>& bytes, std::string where
     end_ = bytes.size() - sizeof(stored);
     std::memcpy(&stored, bytes.data() + end_, sizeof(stored));
   }
-  if (bytes.size() < sizeof(stored) || checksum(bytes.data(), end_) != stored) {
-    throw Error("the session is damaged: a checksum does not fit", where_,
-                "Choose another session folder; the other submaps of this one can still be read.");
-  }
+  const bool fits = bytes.size() >= sizeof(stored) &&
+                    (checksum(bytes.data(), end_) == stored || old_checksum(bytes.data(), end_) == stored);
+  if (!fits) throw damage("a checksum does not fit", where_);
 }
 
 void BlobReader::take(void* to, std::size_t n) { std::memcpy(to, skip(n), n); }
 
 const std::uint8_t* BlobReader::skip(std::size_t n) {
-  if (n > left()) {
-    throw Error("the session is damaged: a record is too short", where_,
-                "Choose another session folder; the other submaps of this one can still be read.");
-  }
+  if (n > left()) throw damage("a record is too short", where_);
   at_ += n;
   return bytes_.data() + (at_ - n);
 }
@@ -75,6 +87,18 @@ Pose BlobReader::get_pose() {
   for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = get<double>();
   for (int i = 0; i < 3; ++i) pose.translation[i] = get<double>();
   return pose;
+}
+
+Matrix6d BlobReader::get_matrix() {
+  Matrix6d m;
+  for (int i = 0; i < 36; ++i) m(i / 6, i % 6) = get<double>();
+  return m;
+}
+
+std::string BlobReader::get_text() {
+  const auto n = get<std::uint32_t>();
+  const auto* p = reinterpret_cast<const char*>(skip(n));
+  return {p, n};
 }
 
 std::vector<std::uint8_t> encode_points(const Submap& submap) {
@@ -119,7 +143,7 @@ std::vector<std::uint8_t> encode_scans(const std::vector<ScanPose>& scans) {
     out.put(s.sequence);
     out.put(s.utime);
     out.put_pose(s.submap_from_sensor);
-    for (int i = 0; i < 36; ++i) out.put(s.covariance(i / 6, i % 6));
+    out.put_matrix(s.covariance);
     out.put(static_cast<std::uint8_t>(s.state));
     out.put(s.diagnostics.alpha);
     out.put(s.diagnostics.sigma);
@@ -140,7 +164,7 @@ std::vector<ScanPose> decode_scans(const std::vector<std::uint8_t>& bytes, const
     s.sequence = in.get<std::int64_t>();
     s.utime = in.get<std::int64_t>();
     s.submap_from_sensor = in.get_pose();
-    for (int i = 0; i < 36; ++i) s.covariance(i / 6, i % 6) = in.get<double>();
+    s.covariance = in.get_matrix();
     s.state = static_cast<TrackingState>(in.get<std::uint8_t>());
     s.diagnostics.alpha = in.get<float>();
     s.diagnostics.sigma = in.get<float>();
@@ -149,6 +173,35 @@ std::vector<ScanPose> decode_scans(const std::vector<std::uint8_t>& bytes, const
     for (float& ms : s.diagnostics.ms) ms = in.get<float>();
   }
   return scans;
+}
+
+std::vector<std::uint8_t> encode_final_poses(const std::vector<TrajectoryPose>& poses) {
+  BlobWriter out;
+  out.put(static_cast<std::uint64_t>(poses.size()));
+  for (const TrajectoryPose& p : poses) {
+    out.put(p.sequence);
+    out.put(p.utime);
+    out.put_pose(p.odom_from_sensor);
+    out.put_pose(p.map_from_sensor);
+  }
+  return out.finish();
+}
+
+std::vector<TrajectoryPose> decode_final_poses(const std::vector<std::uint8_t>& bytes,
+                                               const std::string& where, std::int64_t submap) {
+  BlobReader in(bytes, where);
+  constexpr std::size_t kBytes = 8 + 8 + 56 + 56;
+  const auto n =
+      static_cast<std::size_t>(std::min<std::uint64_t>(in.get<std::uint64_t>(), in.left() / kBytes));
+  std::vector<TrajectoryPose> poses(n);
+  for (TrajectoryPose& p : poses) {
+    p.sequence = in.get<std::int64_t>();
+    p.utime = in.get<std::int64_t>();
+    p.submap = submap;
+    p.odom_from_sensor = in.get_pose();
+    p.map_from_sensor = in.get_pose();
+  }
+  return poses;
 }
 
 std::vector<std::uint8_t> encode_poses(const std::vector<Pose>& poses) {

@@ -50,6 +50,13 @@ ByteVector encode_graph(const GraphState& graph, std::int64_t session_id) {
   m.map_from_odom = to_message(graph.map_from_odom);
   m.n_nodes = static_cast<std::int32_t>(graph.map_from_submap.size());
   for (const auto& pose : graph.map_from_submap) m.map_from_submap.push_back(to_message(pose));
+  m.n_odometry = static_cast<std::int32_t>(graph.odometry.size());
+  for (const auto& edge : graph.odometry) {
+    edge_t e{};
+    e.from_from_to = to_message(edge.from_from_to);
+    from_matrix(edge.information, e.information);
+    m.odometry.push_back(e);
+  }
   m.n_closures = static_cast<std::int32_t>(graph.closures.size());
   for (std::size_t i = 0; i < graph.closures.size(); ++i) {
     m.closures.push_back(to_message(graph.closures[i], session_id, static_cast<std::int64_t>(i)));
@@ -70,6 +77,13 @@ std::optional<GraphState> decode_graph(const std::uint8_t* data, std::size_t siz
     const auto pose = to_pose(node);
     if (!pose) return std::nullopt;
     graph.map_from_submap.push_back(*pose);
+  }
+  if (m.n_odometry + 1 != std::max(m.n_nodes, 1)) return std::nullopt;
+  for (const auto& e : m.odometry) {
+    const auto pose = to_pose(e.from_from_to);
+    if (!pose || !all_finite(e.information)) return std::nullopt;
+    const std::size_t k = graph.odometry.size();
+    graph.odometry.push_back({k, k + 1, *pose, to_matrix(e.information)});
   }
   for (const auto& c : m.closures) {
     auto closure = to_closure(c);

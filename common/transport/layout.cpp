@@ -73,6 +73,8 @@ void walk(LayoutWalker& w, const fetch_t*) {
 void walk(LayoutWalker& w, const graph_t*) {
   w.skip(2 * kI64 + kBool + kPose);
   w.skip(w.count(kPose) * kPose);
+  constexpr std::size_t kEdge = kPose + 36 * kF64;
+  w.skip(w.count(kEdge) * kEdge);
   constexpr std::size_t kSmallestClosure = 4 * kI64 + kPose + 36 * kF64 + kI32 + 2 * kF64 + kBool + kI32 + 1;
   const std::size_t closures = w.count(kSmallestClosure);
   for (std::size_t i = 0; i < closures && w.ok(); ++i) walk(w, static_cast<const closure_t*>(nullptr));

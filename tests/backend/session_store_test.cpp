@@ -246,6 +246,17 @@ TEST(SessionCheck, SaysWhatARunMayDoInAFolder) {
     Backend backend({}, store);
     store_all(backend, {chain[2]}, true);
   }
+  EXPECT_THAT(check_session(folder.path(), same), HasSubstr("not refined yet"));
+  {
+    SessionStore store(folder.path());
+    Backend backend({}, store);
+    backend.finish();
+  }
+  EXPECT_THAT(check_session(folder.path(), same), HasSubstr("results are not written yet"));
+  {
+    SessionStore store(folder.path());
+    store.write_meta({{kResultsWritten, std::to_string(store.read_graph().revision)}});
+  }
   EXPECT_THAT(error_of([&] { check_session(folder.path(), same); }),
               HasSubstr("complete: 30 scans in 3 submaps of a"));
 }

@@ -1,6 +1,10 @@
 // hp2_viewer_headless: writes map, trajectories, pictures and report of a session, live or afterwards.
-#include <nlohmann/json.hpp>
+#include <algorithm>
 
+#include <nlohmann/json.hpp>
+#include <spdlog/spdlog.h>
+
+#include "backend/graph/derived.hpp"
 #include "common/error.hpp"
 #include "common/program.hpp"
 #include "common/session/session_store.hpp"
@@ -13,15 +17,39 @@ namespace {
 
 using hp2::Error;
 
+// Looks at all submaps for damage. Final poses and edges of a session of before version 4, and damaged ones,
+// are computed as the back-end does.
+void compute_what_is_not_stored(const hp2::SessionStore& store, hp2::GraphState& graph,
+                                std::vector<std::string>& damage) {
+  std::vector<hp2::Submap> submaps;
+  for (std::int64_t id = 0; id < store.submap_count(); ++id) {
+    hp2::Submap submap = store.read_what_is_left(id, damage);
+    submap.points = {};
+    submap.normals = {};
+    submap.scan_indices = {};
+    submaps.push_back(std::move(submap));
+  }
+  submaps.resize(std::min(submaps.size(), graph.map_from_submap.size()));
+  if (!graph.odometry.empty() || !graph.trajectory.empty() || submaps.empty()) return;
+  graph.odometry = hp2::odometry_edges(submaps);
+  graph.trajectory =
+      hp2::final_trajectory(submaps, graph, graph.ended && store.read_meta()[hp2::kScansSmoothed] == "yes");
+}
+
 // The session of an ended (or interrupted) run, read from its folder.
 int write_offline(const std::string& folder, const hp2::ViewerProcessOptions& options,
                   const hp2::ViewerConfig& config) {
   const hp2::SessionStore store(folder, hp2::SessionStore::Access::kReadOnly);
   hp2::SessionView view;
+  std::vector<std::string> damage;
   view.session_id = store.session_id();
-  view.graph = store.read_graph();
+  view.graph = store.read_graph(hp2::OnDamage::kLeaveOut, &damage);
   view.submap_count = store.submap_count();
-  view.read_submap = [&store](std::int64_t id) { return store.read_submap(id); };
+  compute_what_is_not_stored(store, view.graph, damage);
+  view.read_submap = [&store](std::int64_t id) {
+    std::vector<std::string> said;  // it was said when the scans were read
+    return store.read_what_is_left(id, said);
+  };
   view.ground_truth = hp2::ground_truth_by_sequence(options.ground_truth, view.graph.trajectory);
   view.meta = store.read_meta();
   const auto take_json = [&view](const std::string& key) {
@@ -37,6 +65,10 @@ int write_offline(const std::string& folder, const hp2::ViewerProcessOptions& op
     for (const auto& warning : warnings) {
       if (warning.is_string()) view.warnings.push_back(warning.get<std::string>());
     }
+  }
+  for (const std::string& text : damage) {
+    spdlog::warn("{}", text);
+    view.warnings.push_back(text);
   }
   for (const auto& [key, text] : options.meta) view.meta[key] = text;
   view.viewer_peak_memory_mb = hp2::peak_memory_mb();
