@@ -7,6 +7,7 @@
 #include "player/readers/drive.hpp"
 #include "player/readers/file_io.hpp"
 #include "player/readers/layout.hpp"
+#include "player/sweep/drive_shape.hpp"
 #include "player/sweep/drive_sweep.hpp"
 #include "player/synthetic/synthetic_source.hpp"
 
@@ -52,6 +53,8 @@ std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOpt
     throw Error("unknown data set format", format, "Known are: " + known + ".");
   }
   Drive drive = open_drive(spec, format, options);
+  settle_length_unit(drive, options.points_unit);
+  join_parts(drive);
   settle_sweep(drive, options.sweep, options.first, options.kitti_correction);
   return make_source(std::move(drive), options);
 }

@@ -53,6 +53,11 @@ class ScanSource {
   /// What the reader noticed and the user should know ("times.txt is not monotonic: assuming 10 Hz"), in
   /// words.
   virtual std::vector<std::string> warnings() const { return {}; }
+  /// Unit of the points' times, for people; "": they have none, or it is not known.
+  virtual std::string time_in_sweep() const { return {}; }
+  /// With SourceOptions::skip_damaged: what is wrong with the scans that could not be read until now, one
+  /// sentence per scan.
+  virtual std::vector<std::string> damaged() const { return {}; }
 };
 
 /// Which scans to take and how to read them.

@@ -22,6 +22,8 @@ usage: scripts/run_slam.sh DATA --out DIR [options]
   --topic NAME      topic of a bag, channel of a log, or sender's address in a packet capture, if there are several
   --metadata FILE   Ouster's metadata JSON of a packet capture, if it does not lie beside it
   --bin-layout NAME records of .bin scans, if they are not to be recognised; see hp2_player --help
+  --times-unit U, --points-unit U   units of scans' times (s, ms, us, ns) and points (m, cm, mm), if not to be found
+  --skip-damaged    go on where a scan cannot be read: it is left out, counted and reported
   --config FILE     settings (YAML); see hp2_frontend --print-config
   --rate R|max      times real time; max (default): as fast as the front-end registers, no scan skipped
   --first N, --count N, --stride N   which scans
@@ -56,16 +58,17 @@ die() {
 }
 
 data="" out="" config="" restart=0 overwrite=0 url="" live_every=0 threads=2 mode="" rate=max
-selection=()
+selection=() damaged=()
 while [ $# -gt 0 ]; do
   case $1 in
     -h | --help) usage && exit 0 ;;
     --restart) restart=1 && shift && continue ;;
     --overwrite) overwrite=1 && shift && continue ;;
+    --skip-damaged) damaged=(--skip-damaged) && shift && continue ;;
     --*)
       case $1 in
         --out | --config | --rate | --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride | --threads | --mode | \
-          --live-every | --lcm-url | --build) ;;
+          --live-every | --lcm-url | --build | --times-unit | --points-unit) ;;
         *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
       esac
       [ $# -ge 2 ] || die "$1 needs a value. See scripts/run_slam.sh --help." 2
@@ -73,7 +76,7 @@ while [ $# -gt 0 ]; do
         --out) out=$2 ;;
         --config) config=$2 ;;
         --rate) rate=$2 ;;
-        --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride) selection+=("$1" "$2") ;;
+        --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride | --times-unit | --points-unit) selection+=("$1" "$2") ;;
         --threads) threads=$2 ;;
         --mode) mode=$2 ;;
         --live-every) live_every=$2 ;;
@@ -117,6 +120,12 @@ settings=$("$bin/hp2_frontend" ${configured[@]+"${configured[@]}"} ${mode_option
   "$bin/hp2_viewer_headless" --out x ${configured[@]+"${configured[@]}"} --print-config) || exit 1
 drive=$(realpath -q -e -- "$data" || echo "$data")${selection[*]+" ${selection[*]}"}
 same=(--meta "drive=$drive" --meta "configuration=$settings")
+# A run whose player could not read on has left its results, and this mark: the same command plays the drive again.
+unread=$session/drive_not_read
+if [ "$overwrite" = 0 ] && [ -e "$unread" ] && [ "$(cat "$unread")" = "$drive $settings" ]; then
+  echo "the last run could not read all of the drive: it is played again from its beginning"
+  overwrite=1
+fi
 if [ "$overwrite" = 0 ]; then
   if ! found=$("$bin/hp2_backend" --session "$session" --check "${same[@]}" 2>&1); then
     echo "run_slam.sh: $found" >&2
@@ -159,7 +168,7 @@ if ! said=$("$bin/hp2_control" check --quick --lcm-url "$url" 2>&1); then
 fi
 
 if [ "$overwrite" = 1 ]; then
-  rm -f "$session"/session.sqlite{,-wal,-shm,.new} "$out"/poses_{tum,kitti,odometry_kitti}.txt "$out"/map.{ply,pcd} \
+  rm -f "$unread" "$session"/session.sqlite{,-wal,-shm,.new} "$out"/poses_{tum,kitti,odometry_kitti}.txt "$out"/map.{ply,pcd} \
     "$out"/{map_topdown,trajectory}.png "$out"/{summary.json,report.html,closures.csv,graph.g2o} "$out/lcm_url" \
     "$logs"/{backend,viewer,frontend,player,run_slam}.log
 fi
@@ -173,7 +182,7 @@ echo "LCM: $url (also in $(quoted "$out/lcm_url")), e.g. $(quoted ${reach[@]+"${
 common=(--lcm-url "$url")
 meta=(--meta "data=$data" --meta "command=$(quoted run_slam.sh "$data" --rate "$rate" --threads "$threads")${mode:+ --mode $mode}"
   --meta "host=$(uname -n)" --meta "started=$(date -u +%Y-%m-%dT%H:%M:%SZ)" "${same[@]}")
-truth=(--ground-truth "$data" ${selection[@]+"${selection[@]}"})
+truth=(--ground-truth "$data" ${selection[@]+"${selection[@]}"} ${damaged[@]+"${damaged[@]}"})
 
 # The shell has words of its own on processes that were killed: they are for the log.
 exec 2>>"$logs/run_slam.log"
@@ -233,7 +242,10 @@ fail() {
     echo "stopping the others"
   } >&3
   case $name in
-    player) wind_up "$failure_limit" ;;  # its drive cannot be read further: what was registered is kept
+    player)  # its drive cannot be read further: what was registered is kept
+      wind_up "$failure_limit"
+      [ ! -d "$session" ] || printf '%s' "$drive $settings" >"$unread"
+      ;;
     *)
       # The session is not ended, so that the same command goes on with it.
       for other in player frontend; do tell KILL "$other"; done
@@ -244,6 +256,7 @@ fail() {
       ;;
   esac
   write_stored "$failure_limit"
+  [ "$name" != player ] || echo "the same command plays the drive again once it is mended; --skip-damaged leaves out what cannot be read" >&3
   [ "$name" = player ] || [ ! -e "$session/session.sqlite" ] ||
     echo "the same command goes on from there once the cause is mended" >&3
   exit "$status"

@@ -51,6 +51,18 @@ Json of_processes(const Json& processes, const char* member) {
   return out;
 }
 
+// A number that the player says of itself; -1 if it is not known.
+std::int64_t of_player(const Json& processes, const char* member, const char* part = nullptr) {
+  if (!processes.is_object() || !processes.contains("hp2_player")) return -1;
+  const Json* value = &processes["hp2_player"];
+  for (const char* key : {member, part}) {
+    if (key == nullptr) continue;
+    if (!value->is_object() || !value->contains(key)) return -1;
+    value = &(*value)[key];
+  }
+  return value->is_number_integer() ? value->get<std::int64_t>() : -1;
+}
+
 }  // namespace
 
 Json make_summary(const SessionView& view, const SessionDigest& digest,
@@ -66,11 +78,16 @@ Json make_summary(const SessionView& view, const SessionDigest& digest,
 
   Json out;
   out["session_id"] = std::to_string(view.session_id);  // a 63-bit number, which JSON readers may round
-  out["complete"] = view.graph.ended;
+  out["complete"] = false;                              // until it is known that no scan is missing
   out["scans_in"] = scans_in;
   out["poses_out"] = poses;
   out["scans_skipped"] = digest.scans_skipped;
   out["scans_lost"] = std::max<std::int64_t>(0, scans_in - poses - digest.scans_skipped);
+  const std::int64_t damaged = of_player(view.processes, "counters", "scans_damaged");
+  out["scans_damaged"] = std::max<std::int64_t>(0, damaged);
+  const std::int64_t last = digest.scans.empty() ? -1 : digest.scans.back().sequence;
+  out["complete"] = view.graph.ended && poses > 0 && damaged <= 0 && out["scans_lost"] == 0 &&
+                    last + 1 >= of_player(view.processes, "total");
   out["submaps"] = view.submap_count;
   out["closures"] = {{"accepted", accepted},
                      {"rejected", static_cast<std::int64_t>(view.graph.closures.size()) - accepted}};

@@ -75,7 +75,8 @@ std::vector<std::string> write_session(const SessionView& view, const std::strin
     put("trajectory.png",
         draw_trajectory(digest, view.graph.closures, truth, std::min(config.picture_size_px, kChartSize)));
   }
-  const auto summary = make_summary(view, digest, truth, map ? map->size() : -1);
+  auto summary = make_summary(view, digest, truth, map ? map->size() : -1);
+  summary["warnings"] = remark_texts(make_remarks(view, digest, summary));
   put("summary.json", dump(summary) + "\n");
   if (options.report) {
     put("report.html",

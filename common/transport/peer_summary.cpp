@@ -23,6 +23,7 @@ nlohmann::ordered_json peers_as_json(const Presence& presence) {
     j["pid"] = s.pid;
     j["state"] = s.state >= 0 && s.state < 5 ? kStates[static_cast<std::size_t>(s.state)] : "unknown";
     j["text"] = s.text;
+    j["total"] = s.total;
     j["peak_memory_mb"] =
         std::max(s.peak_memory_mb, j.contains("peak_memory_mb") ? j["peak_memory_mb"].get<double>() : 0.0);
     auto& counters = j["counters"];

@@ -46,6 +46,11 @@ void Presence::set(const Report& report) {
   report_ = report;
   if (report_.text.size() > kLongestText) report_.text.resize(kLongestText);
   if (news) spdlog::info("{}", report_.text);
+  const bool last = report_.state == status_t::FINISHED || report_.state == status_t::FAILED;
+  // A short run's remarks have not all had their turn: each is sent once more, then the last word.
+  if (news && last) {
+    for (std::size_t i = 0; i < 2 * warnings_.size(); ++i) poll(true);
+  }
   poll(news);
 }
 

@@ -8,6 +8,7 @@
 #include "common/program.hpp"
 #include "common/transport/lcm_bus.hpp"
 #include "common/transport/process.hpp"
+#include "player/process/drive_info.hpp"
 #include "player/process/player_process.hpp"
 #include "player/scan_source.hpp"
 
@@ -89,11 +90,18 @@ int main(int argc, char** argv) {
                  "an HDL-64E whose scans then agree better), on, off")
       ->type_name("auto|on|off")
       ->transform(CLI::Transformer(std::map<std::string, int>{{"auto", -1}, {"on", 1}, {"off", 0}}));
+  app.add_option("--times-unit", source_options.times_unit, "Unit of the scans' times: s, ms, us or ns")
+      ->type_name("UNIT");
+  app.add_option("--points-unit", source_options.points_unit, "Unit of the points: m, cm or mm")
+      ->type_name("UNIT");
+  app.add_flag("--skip-damaged", source_options.skip_damaged,
+               "Go on where a scan cannot be read: it is left out, counted and reported");
   app.add_option("--write-ground-truth", ground_truth,
                  "Play nothing: write the drive's ground truth for hp2_eval (TUM format, LiDAR's frame, end "
                  "of each sweep)")
       ->type_name("FILE");
-  app.add_flag("--info", info, "Say what the drive is and how many scans are to be played, and exit");
+  app.add_flag("--info", info,
+               "Say what the drive is, what its scans hold and what is wrong with them, and exit");
   app.add_flag("--start-paused", options.start_paused,
                "Wait for hp2_control resume (or step) before the first scan");
   app.add_option("--threads", options.threads, "Threads that read ahead")
@@ -118,9 +126,7 @@ int main(int argc, char** argv) {
       return 0;
     }
     if (info) {
-      std::printf("%s: %s, %zu scans%s\n", source->info().name.c_str(), source->info().format.c_str(),
-                  source->size(), source->ground_truth().empty() ? "" : ", with ground truth");
-      for (const auto& warning : source->warnings()) std::printf("%s\n", warning.c_str());
+      std::fputs(hp2::describe_drive(*source).c_str(), stdout);
       return 0;
     }
     hp2::catch_stop_signals();

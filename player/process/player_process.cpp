@@ -15,13 +15,33 @@ constexpr std::int64_t kAssumedPeriodUs = 100'000;
 constexpr std::int64_t kUnaskedUs = 5'000'000;
 constexpr int kStopped = 130;
 
+constexpr std::int64_t kLongestWaitUs = 10'000'000;
+constexpr std::int64_t kShortWaitUs = 1'000'000;
+constexpr std::size_t kMostDamageTold = 5;
+
+// When the scans appear on the recorded clock [us]. A gap of more than kLongestWaitUs lasts kShortWaitUs: a
+// clock that was set meanwhile would stop the player for years.
+std::vector<std::int64_t> due_times(const ScanSource& source, std::int64_t& longest_gap_us) {
+  std::vector<std::int64_t> due;
+  std::int64_t before = 0;
+  for (std::size_t i = 0; i < source.size(); ++i) {
+    const std::int64_t here = source.utime_end(i).value_or(static_cast<std::int64_t>(i) * kAssumedPeriodUs);
+    const std::int64_t step = i == 0 ? 0 : here - before;
+    longest_gap_us = std::max(longest_gap_us, step);
+    due.push_back(
+        i == 0 ? 0 : due.back() + (step > kLongestWaitUs ? kShortWaitUs : std::max<std::int64_t>(step, 0)));
+    before = here;
+  }
+  return due;
+}
+
 // Mean recorded time between two scans [s].
 double scan_period_s(const ScanSource& source) {
   const std::size_t n = source.size();
-  const auto first = n > 1 ? source.utime_end(0) : std::nullopt,
-             last = n > 1 ? source.utime_end(n - 1) : std::nullopt;
-  if (!first || !last || *last <= *first) return static_cast<double>(kAssumedPeriodUs) * 1e-6;
-  return static_cast<double>(*last - *first) * 1e-6 / static_cast<double>(n - 1);
+  std::int64_t longest_gap_us = 0;
+  const std::vector<std::int64_t> due = due_times(source, longest_gap_us);
+  if (n < 2 || due.back() <= due.front()) return static_cast<double>(kAssumedPeriodUs) * 1e-6;
+  return static_cast<double>(due.back() - due.front()) * 1e-6 / static_cast<double>(n - 1);
 }
 
 }  // namespace
@@ -56,6 +76,10 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
   outbox_.send_for_any_session();
   loader_.set_end(total_);
   for (const auto& warning : source.warnings()) presence_.warn(warning);
+  std::int64_t longest_gap_us = 0;
+  due_us_ = due_times(source, longest_gap_us);
+  if (options.rate > 0 && longest_gap_us > kLongestWaitUs)
+    presence_.warn("gaps of more than 10 s between scans are cut to 1 s when playing by the clock");
 }
 
 void PlayerProcess::on_command(const control_t& command, bool named) {
@@ -82,9 +106,15 @@ void PlayerProcess::on_command(const control_t& command, bool named) {
 // Scans before it need not be played any more, as the front-end says.
 std::int64_t PlayerProcess::registered() const { return std::min(total_, outbox_.wanted_id()); }
 
-// When scan `index` appears, on the recorded clock [us].
-std::int64_t PlayerProcess::due(std::int64_t index) const {
-  return source_.utime_end(static_cast<std::size_t>(index)).value_or(index * kAssumedPeriodUs);
+// When scan `index` appears, on the recorded clock without its long gaps [us].
+std::int64_t PlayerProcess::due(std::int64_t index) const { return due_us_[static_cast<std::size_t>(index)]; }
+
+void PlayerProcess::report_damage() {
+  const auto damaged = source_.damaged();
+  for (std::size_t i = damaged_; i < std::min(damaged.size(), kMostDamageTold); ++i)
+    presence_.warn(damaged[i]);
+  damaged_ = damaged.size();
+  if (damaged_ > 0) endpoint_.counters()["scans_damaged"] = static_cast<std::int64_t>(damaged_);
 }
 
 void PlayerProcess::turn_clock() {
@@ -139,6 +169,7 @@ void PlayerProcess::report() {
     report.text = report.done < total_ ? "playing" : "all scans are played: waiting until they are stored";
   }
   endpoint_.counters()["scans_played"] = options_.rate > 0 ? appeared_ : registered();
+  report_damage();
   presence_.set(report);
   const bool waiting = report.state == status_t::WAITING;
   progress_.show(report.done, presence_.rate(),
@@ -155,6 +186,7 @@ bool PlayerProcess::nobody_asks() const {
 bool PlayerProcess::end(int status, const std::string& text) {
   exit_status_ = status;
   progress_.close(registered(), bus_.now_us());
+  report_damage();
   Report report = presence_.report();
   report.state = status == 0 ? status_t::FINISHED : status_t::FAILED;
   report.text = text;

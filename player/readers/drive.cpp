@@ -1,6 +1,8 @@
 #include "player/readers/drive.hpp"
 
 #include <algorithm>
+#include <map>
+#include <mutex>
 #include <utility>
 
 #include "common/error.hpp"
@@ -10,7 +12,8 @@ namespace {
 
 class DriveSource final : public ScanSource {
  public:
-  DriveSource(Drive drive, const SourceOptions& options) : drive_(std::move(drive)) {
+  DriveSource(Drive drive, const SourceOptions& options)
+      : drive_(std::move(drive)), skip_damaged_(options.skip_damaged) {
     const std::size_t stride = std::max<std::size_t>(options.stride, 1);
     for (std::size_t i = options.first; i < drive_.scans.size(); i += std::min(stride, drive_.scans.size())) {
       if (options.count > 0 && selected_.size() == options.count) break;
@@ -44,12 +47,34 @@ class DriveSource final : public ScanSource {
     scan.utime = entry.utime;
     scan.duration_us = entry.duration_us;
     scan.sensor = drive_.info.sensor;
-    drive_.decode(entry, scan);
+    try {
+      drive_.decode(entry, scan);
+    } catch (const Error& error) {
+      if (!skip_damaged_) throw;
+      leave_out(index, error, scan);
+    }
     return scan;
   }
 
+  std::string time_in_sweep() const override { return drive_.time_in_sweep; }
+  std::vector<std::string> damaged() const override {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    std::vector<std::string> texts;
+    for (const auto& [index, text] : damaged_) texts.push_back(text);
+    return texts;
+  }
+
  private:
+  void leave_out(std::size_t index, const Error& error, Scan& scan) const {
+    for (auto* values : {&scan.x, &scan.y, &scan.z, &scan.intensity, &scan.time}) values->clear();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    damaged_.emplace(index, "scan " + std::to_string(index) + " is left out: " + error.what());
+  }
+
   Drive drive_;
+  bool skip_damaged_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::size_t, std::string> damaged_;  ///< Several threads read.
   std::vector<std::size_t> selected_;
   std::vector<StampedPose> ground_truth_;
 };

@@ -1,6 +1,7 @@
 """scripts/run_slam.sh when something goes wrong: a stage that dies, Ctrl-C, an output folder with a session in it, no
 multicast. It says so, ends soon, and loses nothing."""
 import hashlib
+import json
 
 from harness import *
 
@@ -158,6 +159,20 @@ def player_fails(folder):
     says(text, "hp2_player ended with status 1", "000025.bin", "are stored", "results written")
     integrity(folder / "player")
     expect(len(poses(folder / "player")) == 25, f"{len(poses(folder / 'player'))} poses of 25 scans")
+    summary = json.loads((folder / "player" / "summary.json").read_text())
+    expect(not summary["complete"] and "missing" in " ".join(summary["warnings"]), str(summary["warnings"]))
+    path = drive / "velodyne" / "000025.bin"
+    whole = path.read_bytes() + b"1234567"
+    print("the same with --skip-damaged, then with the file mended")
+    status, text = Script(folder / "skipped", drive, "--skip-damaged").end(60)
+    expect(status == 0, f"status {status}")
+    summary = json.loads((folder / "skipped" / "summary.json").read_text())
+    expect(summary["scans_damaged"] == 1 and "000025.bin" in " ".join(summary["warnings"]), str(summary["warnings"]))
+    path.write_bytes(whole)
+    status, text = Script(folder / "player", drive).end(60)
+    expect(status == 0, f"status {status}")
+    expect(len(poses(folder / "player")) == 30, f"{len(poses(folder / 'player'))} poses of 30 scans")
+    expect(json.loads((folder / "player" / "summary.json").read_text())["complete"], "not complete")
 
 
 def restarts(folder, plain):

@@ -109,6 +109,11 @@ int main(int argc, char** argv) {
       ->type_name("FILE");
   app.add_option("--bin-layout", source_options.bin_layout, "As hp2_player's, for the ground truth")
       ->type_name("NAME");
+  app.add_option("--times-unit", source_options.times_unit, "As hp2_player's, for the ground truth")
+      ->type_name("UNIT");
+  app.add_option("--points-unit", source_options.points_unit, "As hp2_player's, for the ground truth")
+      ->type_name("UNIT");
+  app.add_flag("--skip-damaged", source_options.skip_damaged, "As hp2_player's, for the ground truth");
   app.add_option("--meta", meta, "A text for the summary, e.g. data=/data/kitti/07; may be repeated")
       ->type_name("KEY=TEXT");
   hp2::add_common_options(app, common, true);

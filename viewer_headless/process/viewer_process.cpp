@@ -217,6 +217,10 @@ bool ViewerProcess::tick() {
   const bool stay = (options_.keep_running && !stop_all_) || !written_final_ || backend_waits();
   if (writing_ || (!stopping && stay)) return true;
   exit_status_ = written_final_ ? 0 : 130;
+  if (written_final_ && state_.trajectory.empty()) {
+    spdlog::error("the session has ended without a pose: every scan was refused, or none came");
+    exit_status_ = 1;
+  }
   Report last = presence_.report();
   last.state = status_t::FINISHED;
   last.text = "finished";

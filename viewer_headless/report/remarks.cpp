@@ -57,6 +57,25 @@ void remark_losses(const Json& summary, std::vector<Remark>& out) {
   }
 }
 
+// Scans that the player has not played, or could not read.
+void remark_missing(const SessionDigest& digest, const Json& summary, std::vector<Remark>& out) {
+  const auto damaged = summary.value("scans_damaged", 0LL);
+  if (damaged > 0) {
+    out.push_back({Level::kProblem,
+                   text("%lld scan%s could not be read: left out.", damaged, damaged == 1 ? "" : "s"),
+                   "Mend or copy the files again, then run with --overwrite."});
+  }
+  const auto& processes = summary.at("processes");
+  if (!processes.is_object() || !processes.contains("hp2_player")) return;
+  const auto total = processes["hp2_player"].value("total", -1LL);
+  const auto done = digest.scans.empty() ? 0LL : static_cast<long long>(digest.scans.back().sequence) + 1;
+  if (total > done) {
+    out.push_back({Level::kProblem, text("The last %lld of %lld scans are missing.", total - done, total),
+                   "The player was stopped or could not read on: its log tells where. The same command plays "
+                   "the drive again."});
+  }
+}
+
 void remark_tracking(const Json& summary, std::vector<Remark>& out) {
   const double poses = std::max(1.0, summary.at("poses_out").get<double>());
   const auto lost = summary.at("states").at("lost").get<long long>();
@@ -147,7 +166,10 @@ void remark_revisits(const SessionView& view, const SessionDigest& digest, std::
 
 std::vector<Remark> make_remarks(const SessionView& view, const SessionDigest& digest, const Json& summary) {
   std::vector<Remark> out;
-  if (digest.scans.empty()) {
+  if (digest.scans.empty() && view.graph.ended) {
+    out.push_back({Level::kProblem, "The session has ended without a pose.",
+                   "Every scan was refused, or none came: the warnings here and the logs tell why."});
+  } else if (digest.scans.empty()) {
     out.push_back({Level::kProblem, "The session holds no scan yet.",
                    "Start the player, or wait until the first submap is finished."});
   } else if (!view.graph.ended) {
@@ -155,6 +177,7 @@ std::vector<Remark> make_remarks(const SessionView& view, const SessionDigest& d
                    "The session is not finished: this is how it stood when the report was written.",
                    "Poses may still move with later loop closures, and the open submap is missing."});
   }
+  remark_missing(digest, summary, out);
   remark_losses(summary, out);
   remark_tracking(summary, out);
   remark_times(digest, summary, out);
@@ -163,6 +186,15 @@ std::vector<Remark> make_remarks(const SessionView& view, const SessionDigest& d
   std::stable_sort(out.begin(), out.end(),
                    [](const Remark& a, const Remark& b) { return a.level > b.level; });
   return out;
+}
+
+std::vector<std::string> remark_texts(const std::vector<Remark>& remarks) {
+  std::vector<std::string> texts;
+  for (const Remark& r : remarks) {
+    if (r.level == Level::kNote) continue;
+    texts.push_back(r.advice.empty() ? r.text : r.text + " " + r.advice);
+  }
+  return texts;
 }
 
 }  // namespace hp2

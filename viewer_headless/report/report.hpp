@@ -25,6 +25,9 @@ struct Remark {
 std::vector<Remark> make_remarks(const SessionView& view, const SessionDigest& digest,
                                  const nlohmann::ordered_json& summary);
 
+/// The remarks for summary.json: what and, after it, the advice. Notes are left out.
+std::vector<std::string> remark_texts(const std::vector<Remark>& remarks);
+
 /// All that the report's charts and tables show. Curves hold at most about `points` points: of each stretch
 /// the lowest and the highest value, so that no spike is lost.
 nlohmann::ordered_json report_data(const SessionView& view, const SessionDigest& digest,
