@@ -47,11 +47,11 @@ struct Lengths {
 
 Lengths measure_lengths(const Drive& drive) {
   Lengths lengths;
-  std::vector<double> ranges;
-  std::size_t sampled = 0;
-  for (std::size_t i = 0; i < std::min(drive.scans.size(), kMostLookedAt) && sampled < kMostSampled; ++i) {
+  std::vector<double> medians;
+  for (std::size_t i = 0; i < std::min(drive.scans.size(), kMostLookedAt) && medians.size() < kMostSampled;
+       ++i) {
     const Scan scan = read_scan(drive, i);
-    const std::size_t before = ranges.size();
+    std::vector<double> ranges;
     for (std::size_t k = 0; k < scan.size(); ++k) {
       const double x = scan.x[k], y = scan.y[k], z = scan.z[k];
       const double range = std::sqrt(x * x + y * y + z * z);
@@ -59,9 +59,11 @@ Lengths measure_lengths(const Drive& drive) {
       ranges.push_back(range);
       lengths.whole = lengths.whole && x == std::floor(x) && y == std::floor(y) && z == std::floor(z);
     }
-    sampled += ranges.size() > before ? 1 : 0;
+    if (!ranges.empty()) medians.push_back(median(std::move(ranges)));
   }
-  if (!ranges.empty()) lengths.median_range = median(std::move(ranges));
+  std::sort(medians.begin(), medians.end());
+  if (!medians.empty())
+    lengths.median_range = medians[(medians.size() - 1) / 2];  // one odd scan tells nothing
   return lengths;
 }
 
