@@ -173,9 +173,12 @@ class Mender {
       nearest = std::min(nearest, std::abs(n - t));
       below += n < t ? 1 : 0;
     }
-    if (std::abs(next[0] - t) < 0.25 * step_) return true;  // the next scan's stamp; its own place is empty
+    // The next scan's stamp; of the two, the one beside the empty place is wrong.
+    if (std::abs(next[0] - t) < 0.25 * step_)
+      return std::isfinite(last) || (next.size() > 1 && next[1] - t < 1.5 * step_);
     if (below == 0) return false;
     if (nearest < 0.55 * step_) return true;  // scans that came in another order keep their distance
+    if (below == kLookahead) return true;     // nor does a scan come before so many others
     return 2 * below > next.size() && (t - *std::max_element(next.begin(), next.end()) > 1.5 * step_ ||
                                        t - median(next) > std::max(1.0, 5.0 * step_));
   }
