@@ -26,6 +26,7 @@ void fill(Rng& rng, fetch_t& m) {
 }
 void fill(Rng& rng, graph_t& m) {
   m.map_from_submap.resize(static_cast<std::size_t>(m.n_nodes = rng() % 9));
+  m.odometry.resize(static_cast<std::size_t>(m.n_odometry = rng() % 9));
   m.closures.resize(static_cast<std::size_t>(m.n_closures = rng() % 9));
   for (auto& c : m.closures) fill(rng, c);
 }

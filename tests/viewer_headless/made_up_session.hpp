@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "backend/graph/derived.hpp"
 #include "viewer_headless/session_view.hpp"
 
 namespace hp2::testing {
@@ -111,6 +112,9 @@ inline MadeUpSession make_session(const std::vector<Pose>& truth, const ScanPoin
     }
     return submap;
   };
+  std::vector<Submap> submaps;
+  for (std::int64_t id = 0; id < view.submap_count; ++id) submaps.push_back(view.read_submap(id));
+  view.graph.odometry = odometry_edges(submaps);
   view.scans_in = static_cast<std::int64_t>(truth.size());
   view.elapsed_s = 0.0125 * static_cast<double>(truth.size());
   view.meta = {{"data", "made-up"},
