@@ -6,13 +6,13 @@
 #include "common/byte_io.hpp"
 #include "common/error.hpp"
 #include "common/registration/stopwatch.hpp"
-#include "frontend/odometry/start_search.hpp"
+#include "frontend/odometry/start_revision.hpp"
 #include "frontend/odometry/track.hpp"
 
 namespace hp2 {
 namespace {
 
-constexpr std::uint32_t kStateVersion = 9;
+constexpr std::uint32_t kStateVersion = 10;
 
 }  // namespace
 
@@ -20,11 +20,13 @@ class Frontend::Impl {
  public:
   Impl(const FrontendConfig& config, int threads)
       : config_(config),
+        robust_(robust_parts(config)),
         parallel_(threads),
-        preprocessor_(
-            {config.min_range_m, config.max_range_m, config.map_point_voxel_m, config.source_voxel_m}),
-        track_(config) {
+        preprocessor_({config.min_range_m, config.max_range_m}),
+        track_(config),
+        start_(StartSearchConfig(), icp_config(config)) {
     validate(config);
+    use_sizes(map_sizes(config, scale_.voxel_m()));
   }
 
   FrontendOutput process(const Scan& scan);
@@ -38,18 +40,21 @@ class Frontend::Impl {
 
  private:
   bool usable_times(const Scan& scan);
-  void follow_start(bool was_at_start, FrontendOutput& out);
-  void take_up(FoundStart found);
-  bool smooth_start();
-  // The start's first scan is the last of the submap before: after a loss.
-  bool first_is_cut() const { return track_.builder().open_scans().size() < start_results_.size(); }
+  void use_sizes(const MapSizes& sizes) {
+    preprocessor_.set_voxels(sizes.map_point_m, sizes.source_voxel_m);
+    track_.set_sizes(sizes);
+  }
+  void revise_start(bool was_at_start, FrontendOutput& out);
+  void take_up(RevisedStart revised, FrontendOutput& out);
 
   FrontendConfig config_;
+  RobustConfig robust_;
   Parallel parallel_;
   Preprocessor preprocessor_;
+  MapScale scale_;
   Track track_;
-  StartSearch start_;
-  std::vector<OdometryResult> start_results_;  // of the scans that it is about
+  StartRevision start_;
+  bool first_is_cut_ = false;  // the first scan that `start_` is about ended the submap before
   Remarks remarks_;
   StampedCloud scan_;  // kept from scan to scan for its memory
 };
@@ -92,38 +97,33 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   scan_.utime = scan.utime_end();
   scan_.duration_us = scan.duration_us;
   scan_.n_points = static_cast<int>(scan.size());
+  // The map's voxels do not change while the first scans may be registered again.
+  if (robust_.map_scale && !start_.open() && !track_.at_start()) {
+    scale_.add(scan, config_.min_range_m, config_.max_range_m);
+    use_sizes(map_sizes(config_, scale_.voxel_m()));
+  }
   preprocessor_.run(scan, usable_times(scan), parallel_, scan_.cloud);
   scan_.preprocess_ms = clock.lap_ms();
   const bool was_at_start = track_.at_start();
-  FrontendOutput out = track_.process(scan_, parallel_, remarks_, start_.open());
-  follow_start(was_at_start, out);
+  FrontendOutput out = track_.process(scan_, {parallel_, remarks_, start_.open()});
+  revise_start(was_at_start, out);
   return out;
 }
 
-// While the speed at a start is not settled the submap stays open: once it is cut its scans are final, and
-// the state that is saved then knows of no search.
-void Frontend::Impl::follow_start(bool was_at_start, FrontendOutput& out) {
-  if (config_.mode != "robust") return;
+// While the speed of the first scans is not settled the submap stays open: once it is cut its scans are final,
+// and the state that is saved then knows of no search.
+void Frontend::Impl::revise_start(bool was_at_start, FrontendOutput& out) {
+  if (!robust_.start_search) return;
   if (track_.at_start() && !was_at_start) {
-    start_.begin(track_);
-    start_results_.assign(1, out.odometry);
+    start_.begin(track_, out.odometry);
+    first_is_cut_ = out.finished_submap.has_value();
     return;
   }
   if (out.finished_submap) start_.end();
   if (!start_.open()) return;
-  start_results_.push_back(out.odometry);
-  if (!start_.add(scan_, out.odometry.state, track_)) return;
   Stopwatch clock;
-  auto found = start_.find(track_, parallel_);
-  const bool another = found.has_value();
-  if (found) take_up(std::move(*found));
-  const bool smoother = smooth_start();
-  start_.end();
-  out.odometry = start_results_.back();
-  if (first_is_cut()) start_results_.erase(start_results_.begin());
-  start_results_.pop_back();
-  if (another || smoother) out.revised = std::move(start_results_);
-  start_results_.clear();
+  start_.add(scan_, out.odometry, track_);
+  if (auto revised = start_.work(track_, parallel_)) take_up(std::move(*revised), out);
   const float ms = clock.lap_ms();
   for (auto* d : {&out.odometry.diagnostics, &track_.builder().last_scan().diagnostics}) {
     d->ms[1] += ms;
@@ -132,39 +132,16 @@ void Frontend::Impl::follow_start(bool was_at_start, FrontendOutput& out) {
 }
 
 // Goes on with another track through the same scans.
-void Frontend::Impl::take_up(FoundStart found) {
-  // What the scans took was measured when they came.
-  for (std::size_t i = 0; i < found.results.size(); ++i) {
-    OdometryResult& result = start_results_[i + 1];
-    found.results[i].diagnostics.ms = result.diagnostics.ms;
-    result = found.results[i];
-  }
-  auto& scans = found.track.builder().open_scans();
-  const auto& said = track_.builder().open_scans();
-  for (std::size_t i = 0; i < scans.size(); ++i) scans[i].diagnostics.ms = said[i].diagnostics.ms;
-  if (found.moved) start_results_.front().odom_from_sensor = found.track.builder().odom_from_submap();
-  track_ = std::move(found.track);
+void Frontend::Impl::take_up(RevisedStart revised, FrontendOutput& out) {
+  track_ = std::move(revised.track);
+  out.odometry = revised.results.back();
+  revised.results.pop_back();
+  // After a loss the first scan ended the submap before, which is stored.
+  if (first_is_cut_) revised.results.erase(revised.results.begin());
+  out.revised = std::move(revised.results);
   remarks_.add(
-      "the sensor was moving when the first scan was taken, and how fast shows only now: the way since then "
-      "has "
-      "been estimated anew");
-}
-
-// At the start of the session only: after a loss the first pose is the last one of a submap that is stored.
-bool Frontend::Impl::smooth_start() {
-  SubmapBuilder& builder = track_.builder();
-  if (builder.id() != 0 || builder.open_scans().size() != start_results_.size()) return false;
-  std::vector<Pose> poses;
-  for (const OdometryResult& r : start_results_) poses.push_back(r.odom_from_sensor);
-  poses = start_.smoothed(poses, parallel_);
-  if (poses.empty()) return false;
-  builder.move_scans(poses);
-  const Pose submap_from_odom = builder.odom_from_submap().inverse();
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    start_results_[i].odom_from_sensor = poses[i];
-    start_results_[i].submap_from_sensor = submap_from_odom * poses[i];
-  }
-  return true;
+      "the sensor was moving when the first scan was taken, and how fast shows only now: the trajectory since "
+      "then has been estimated again");
 }
 
 std::vector<std::uint8_t> Frontend::Impl::save_state() const {
@@ -174,7 +151,8 @@ std::vector<std::uint8_t> Frontend::Impl::save_state() const {
   out.put(kStateVersion);
   out.put(config_.voxel_size_m);
   out.put(config_.max_points_per_voxel);
-  out.put(remarks_.said());
+  scale_.save(out);
+  out.put(remarks_.made());
   track_.save(out);
   return bytes;
 }
@@ -186,13 +164,17 @@ void Frontend::Impl::restore_state(const std::vector<std::uint8_t>& state) {
     throw Error("the session was made with another voxel size", "front-end's saved state",
                 "Use the configuration that the session began with, or start a new session.");
   }
-  remarks_.set_said(in.take<unsigned>());
+  scale_.load(in);
+  use_sizes(map_sizes(config_, scale_.voxel_m()));
+  remarks_.set_made(in.take<unsigned>());
   track_.load(in);
   if (in.left() != 0) in.fail("bytes are left over at its end");
   start_.end();
-  if (!track_.at_start() || config_.mode != "robust") return;
-  start_.begin(track_);
-  start_results_.assign(1, {});  // of the scan that the last submap ends with: told already
+  if (!track_.at_start() || !robust_.start_search) return;
+  OdometryResult first;  // of the scan that the last submap ends with, which is reported already
+  first.odom_from_sensor = track_.last_pose();
+  start_.begin(track_, first);
+  first_is_cut_ = true;
 }
 
 Frontend::Frontend(const FrontendConfig& config, int threads)

@@ -25,12 +25,13 @@ ConfigSection frontend_section(FrontendConfig& c) {
         100.0);
   s.add("redeskew_gain", c.redeskew_gain,
         "Share of the difference that they correct in the first scans; later ones are filtered", 0.0, 1.0);
-  s.add("voxel_size_m", c.voxel_size_m, "Edge of a local map voxel [m]", 0.05, 10.0);
+  s.add("voxel_size_m", c.voxel_size_m, "Edge of a local map voxel [m]; 0: 0.4 to 0.8, by how far the sensor sees", 0.0, 10.0);
   s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
-  s.add("min_spacing_m", c.min_spacing_m, "Points of a voxel are at least this far apart [m]", 0.0, 10.0);
+  s.add("min_spacing_m", c.min_spacing_m, "Points of a voxel are at least this far apart [m]; 0: 0.375 voxel_size_m", 0.0, 10.0);
   s.add("map_point_voxel_m", c.map_point_voxel_m,
-        "One point a voxel of this edge of each scan goes to the map [m]", 0.01, 10.0);
-  s.add("source_voxel_m", c.source_voxel_m, "Of these one a voxel of this edge is registered [m]", 0.01,
+        "One point per voxel of this edge of each scan goes to the map [m]; 0: 0.375 voxel_size_m", 0.0,
+        10.0);
+  s.add("source_voxel_m", c.source_voxel_m, "Of these one per voxel of this edge is registered [m]; 0: 0.875 voxel_size_m", 0.0,
         10.0);
   s.add("tau_ref", c.tau_ref, "Planarity threshold at a neighbourhood of n_ref points", 1e-6, 1.0);
   s.add("n_ref", c.n_ref, "Neighbourhood size that tau_ref holds for", 1.0, 1e6);
@@ -63,6 +64,47 @@ ConfigSection frontend_section(FrontendConfig& c) {
         "sees less than 12 m",
         0.0, 10000.0);
   s.add("submap_voxel_m", c.submap_voxel_m, "One point a voxel of this edge in a submap [m]", 0.05, 10.0);
+  s.add("late_scan_ratio", c.late_scan_ratio,
+        "An interval so much longer than the one before has scans missing in it", 1.0, 100.0);
+  s.add("degenerate_m", c.degenerate_m,
+        "State degenerate where a weakly observed direction's deviation in a scan is above this [m]", 0.0,
+        100.0);
+  s.add("incredible_surprise", c.incredible_surprise,
+        "State degenerate where a step's squared error is so many times what was expected of it", 1.0, 1e9);
+  s.add("doubtful_speed", c.doubtful_speed,
+        "Factor on the covariance of degenerate first scans, whose speed may be wrong", 1.0, 1e6);
+  const auto part = [&](const char* name, bool& value, const char* text) { s.add(name, value, text); };
+  RobustConfig& r = c.robust;
+  part("robust.map_scale", r.map_scale, "Mode robust: map voxels follow what is seen");
+  part("robust.wide_neighbourhoods", r.wide_neighbourhoods,
+       "Mode robust: neighbourhoods of few points, or of a line, grow to 125 voxels");
+  part("robust.weak_directions", r.weak_directions,
+       "Mode robust: in-plane residuals support weakly observed directions");
+  part("robust.two_sides", r.two_sides, "Mode robust: front and back of thin things are kept apart");
+  part("robust.scan_lines", r.scan_lines, "Mode robust: lines that the sensor may have drawn have no normal");
+  part("robust.refinement", r.refinement, "Mode robust: last registration with a loss as narrow as the residuals");
+  part("robust.motion_filter", r.motion_filter, "Mode robust: filtered velocities, deskewing again");
+  part("robust.guesses", r.guesses, "Mode robust: other guesses where predictions are far off");
+  part("robust.dropped_scans", r.dropped_scans, "Mode robust: a scan behind missing ones stays out of the map");
+  part("robust.start_search", r.start_search, "Mode robust: the speed of the first scans is searched");
+  part("robust.covariance_terms", r.covariance_terms,
+       "Mode robust: covariance grows with what deskewing leaves and with surprises");
+  return s;
+}
+
+RobustConfig robust_parts(const FrontendConfig& c) {
+  if (c.mode == "robust") return c.robust;
+  return {false, false, false, false, false, false, false, false, false, false, false};
+}
+
+MapSizes map_sizes(const FrontendConfig& c, double voxel_m) {
+  constexpr double kSpacing = 0.375, kSource = 0.875;  // of the voxel
+  const auto given = [](double size, double otherwise) { return size > 0.0 ? size : otherwise; };
+  MapSizes s;
+  s.voxel_m = given(c.voxel_size_m, voxel_m);
+  s.spacing_m = given(c.min_spacing_m, kSpacing * s.voxel_m);
+  s.map_point_m = given(c.map_point_voxel_m, kSpacing * s.voxel_m);
+  s.source_voxel_m = given(c.source_voxel_m, kSource * s.voxel_m);
   return s;
 }
 

@@ -22,7 +22,7 @@ std::vector<Eigen::Vector3f> every_nth(const std::vector<Eigen::Vector3f>& point
 
 RegistrationConfig fine_config() {
   RegistrationConfig fine;
-  fine.icp.mode = IcpMode::kRobust;
+  fine.icp.weak_directions = fine.icp.two_sides = fine.icp.scan_lines = true;
   return fine;
 }
 

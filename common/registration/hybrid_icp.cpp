@@ -14,8 +14,7 @@ namespace {
 constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's direction
 // An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
-constexpr double kResidual =
-    0.2;  // [m], what counts as a residual's deviation, correlation between points included
+
 
 // Of a refinement: iterations at most; scales that are this share of the last ones no longer change; and
 // directions whose eigenvalue is below this share of the largest stay as they are: there, what a narrow scale
@@ -134,33 +133,32 @@ ResidualScales ResidualScales::narrowed(const NormalEquations& sums) const {
 }
 
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                           double sigma_m, const Parallel& parallel, const PosePrior* prior) {
+                           double sigma_m, const Parallel& parallel) {
   // All sums are taken about a voxel corner near the sensor: well conditioned, and floats keep their digits.
   origin_ = map.locate(guess.translation).voxel;
   correspondences_.assign(source.size(), Correspondence());
-  return iterate(map, source, guess, sigma_m, parallel, prior, false);
+  return iterate(map, source, guess, sigma_m, parallel, false);
 }
 
 IcpResult HybridIcp::align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                                 double sigma_m, const Parallel& parallel, const PosePrior* prior) {
-  if (correspondences_.size() != source.size()) return align(map, source, guess, sigma_m, parallel, prior);
-  return iterate(map, source, guess, sigma_m, parallel, prior, false);
+                                 double sigma_m, const Parallel& parallel) {
+  if (correspondences_.size() != source.size()) return align(map, source, guess, sigma_m, parallel);
+  return iterate(map, source, guess, sigma_m, parallel, false);
 }
 
 IcpResult HybridIcp::refine(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                            double sigma_m, const Parallel& parallel, const PosePrior* prior) {
+                            double sigma_m, const Parallel& parallel) {
   if (correspondences_.size() != source.size()) {
-    const IcpResult wide = align(map, source, guess, sigma_m, parallel, prior);
-    IcpResult narrow = iterate(map, source, wide.map_from_source, sigma_m, parallel, prior, true);
+    const IcpResult wide = align(map, source, guess, sigma_m, parallel);
+    IcpResult narrow = iterate(map, source, wide.map_from_source, sigma_m, parallel, true);
     narrow.add_work(wide);
     return narrow;
   }
-  return iterate(map, source, guess, sigma_m, parallel, prior, true);
+  return iterate(map, source, guess, sigma_m, parallel, true);
 }
 
 IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                             double sigma_m, const Parallel& parallel, const PosePrior* prior,
-                             bool refining) {
+                             double sigma_m, const Parallel& parallel, bool refining) {
   IcpResult result;
   refining_ = refining;
   result.map_from_source = guess;
@@ -173,7 +171,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   result.mean_range_m = lever;
 
   Matrix6d information = Matrix6d::Zero();
-  in_plane_needed_ = config_.mode == IcpMode::kRobust;  // until the first iteration has told
+  in_plane_needed_ = config_.weak_directions;  // until the first iteration has told
   // Few points tell a long step's direction as well as many.
   const bool coarse_first = !refining && config_.coarse_step_m > 0.0 && source.size() > kFewPoints;
   margin_m_ = kMostMargin;
@@ -200,25 +198,14 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     information = balance(sums, gradient);
     // What is reported is what the scan itself has said, without the support.
     Matrix6d total = information;
-    if (config_.mode == IcpMode::kRobust) {
+    if (config_.weak_directions) {
       result.min_eigenvalue_ratio = support_weak_directions(sums, lever, total, gradient);
     }
-    if (prior != nullptr && config_.mode == IcpMode::kRobust) {
-      const Pose expected(prior->map_from_source.rotation, prior->map_from_source.translation - origin);
-      Matrix6d to_source = Matrix6d::Identity();  // increments about the local origin -> about the source's
-      to_source.topRightCorner<3, 3>() = -skew(local.translation);
-      // The robust weights make the scan's sums speak as if its residuals' deviation were sigma; it is
-      // kResidual.
-      const Matrix6d weight = (kResidual * kResidual / (sigma_m * sigma_m)) *
-                              (to_source.transpose() * prior->information * to_source);
-      total += weight;
-      gradient += weight * se3_log(local * expected.inverse());
-    }
     Step step = solve(total, gradient, lever, least_ratio);
-    if (config_.mode != IcpMode::kRobust) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
+    if (!config_.weak_directions) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
     // Where a refinement goes on in all directions, the rest is left to it.
-    const bool to_be_refined = config_.mode == IcpMode::kRobust && !refining && !accelerated_ &&
+    const bool to_be_refined = config_.refinement && !refining && !accelerated_ &&
                                result.min_eigenvalue_ratio >= kRefinedDirections;
     const bool converged = stride == 1 && !narrowing &&
                            step.x.norm() < (to_be_refined ? kBeforeRefining : 1.0) * config_.convergence_m;

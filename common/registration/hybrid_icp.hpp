@@ -24,8 +24,6 @@ enum class IcpMode {
   kPointToPlane,    ///< All correspondences with a normal point-to-plane.
   kFixedAlpha,      ///< As hybrid with alpha = 0.5.
   kFixedThreshold,  ///< As hybrid with tau = tau_ref whatever n.
-  kRobust,          ///< Ours: the hybrid, supported in weak directions (support_weak_directions()), each
-                    ///< planar point kept to the side of the surface that it is seen from.
 };
 
 /// Settings of the registration.
@@ -37,17 +35,14 @@ struct IcpConfig {
   double convergence_m = 3e-3;  ///< Ends when a step's translation [m] and rotation [rad] norm is below this.
   /// While steps are longer than this [m, rad], some 800 of the source points are registered; 0: always all.
   double coarse_step_m = 0.02;
-  double in_plane_weight = 0.3;  ///< kRobust: of a planar correspondence's in-plane residual.
-  double weak_direction_ratio =
-      0.03;  ///< kRobust: in directions of less than this share of the largest eigenvalue.
+  bool weak_directions = false;  ///< Supports weakly observed directions by planar points' in-plane residuals,
+  double in_plane_weight = 0.3;  ///< of this weight,
+  double weak_direction_ratio = 0.03;  ///< where the eigenvalue is below this share of the largest.
+  bool two_sides = false;   ///< Keeps a planar point to the side of the surface that it is seen from.
+  bool scan_lines = false;  ///< No normal where the neighbourhood is a line that the sensor may have drawn.
+  bool refinement = false;  ///< refine() follows: align() may end a little earlier.
   double min_eigenvalue_ratio =
       1e-4;  ///< Directions below this share of the largest eigenvalue are not observed.
-};
-
-/// What is known of the pose before the scan is looked at.
-struct PosePrior {
-  Pose map_from_source;                     ///< Expected pose.
-  Matrix6d information = Matrix6d::Zero();  ///< Left increments about the source's origin, axes of the map.
 };
 
 /// Scales c of the robust loss, a kind of residual [m].
@@ -97,27 +92,27 @@ class HybridIcp {
   /// Iterations of a registration at most, from now on.
   void set_max_iterations(int n) { config_.max_iterations = n; }
   /// Whether steps that go on in one direction are lengthened from now on, up to three times, and iterations
-  /// are 15 at most: for a start, whose prediction may be off by many steps along a direction hardly told.
+  /// are 15 at most: for an initialisation, whose prediction may be off by many steps along a weakly observed
+  /// direction.
   void set_accelerated(bool on) { accelerated_ = on; }
 
   /// @param map    its planarity cache is brought up to date where it is needed
   /// @param source [m], sensor frame, deskewed
   /// @param guess  map_from_source to begin with
   /// @param sigma_m scale of the robust loss; correspondences beyond 3 sigma are rejected
-  /// @param prior   kRobust: weighed against what the scan says; nullptr: none
   IcpResult align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                  double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
+                  double sigma_m, const Parallel& parallel);
   /// The same for the points of the last align() after they have moved a little (deskewed anew) and before
   /// the map has changed: what was found for them is kept where it still stands.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                        double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
+                        double sigma_m, const Parallel& parallel);
   /// The same, for a pose that is right but for a last step: residuals that differ from what most of their
   /// kind are, whatever sigma is, are no longer heard. What the map does not know yet lies behind what it
   /// knows, so a wide scale hears it from one side only, and holds the sensor back. Only in directions that
   /// are well observed, and a few iterations at most.
   IcpResult refine(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                   double sigma_m, const Parallel& parallel, const PosePrior* prior = nullptr);
-  /// kRobust: source points on surfaces which the map knows from the other side
+                   double sigma_m, const Parallel& parallel);
+  /// Source points on surfaces which the map knows from the other side
   /// (LocalMap::insert_other_side()), by index, with the surface's unit normal, axes of the map.
   /// @param result of the last align(), align_again() or refine(); none for another one, whose points lay
   ///               elsewhere
@@ -137,9 +132,9 @@ class HybridIcp {
     float other_distance = -1.0F;  // as NearestPoint; negative: never searched
     std::int32_t voxel = -1;
     std::int16_t slot = 0;  // of the target in its voxel
-    // kRobust: the nearest point was seen from the surface's other side; and there is none on this side.
+    // two_sides: the nearest point was seen from the surface's other side; and there is none on this side.
     bool turned = false, hidden = false;
-    // kRobust: the neighbourhood is a line; and one that the sensor may have drawn itself.
+    // scan_lines: the neighbourhood is a line; and one that the sensor may have drawn itself.
     bool line = false, scan_line = false;
     float seen_from_m = 0.0F;  // distance from which the map saw the target; 0: not known
   };
@@ -159,7 +154,7 @@ class HybridIcp {
   };
 
   IcpResult iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
-                    double sigma_m, const Parallel& parallel, const PosePrior* prior, bool refining);
+                    double sigma_m, const Parallel& parallel, bool refining);
   NormalEquations linearise(LocalMap& map, const std::vector<Eigen::Vector3f>& source, std::size_t stride,
                             const Pose& local_from_source, double sigma_m, const Parallel& parallel,
                             IcpResult& result);

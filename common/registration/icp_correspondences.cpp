@@ -88,7 +88,7 @@ const Planarity& HybridIcp::shape_of(const LocalMap& map, std::int32_t voxel, Pa
   std::uint32_t& recent = part.recent[static_cast<std::uint32_t>(voxel) % part.recent.size()];
   if (recent >= part.planarities.size() || part.planarities[recent].first != voxel) {
     recent = static_cast<std::uint32_t>(part.planarities.size());
-    part.planarities.emplace_back(voxel, analyse(map.neighbourhood_moments(voxel)));
+    part.planarities.emplace_back(voxel, map.shape(voxel));
   }
   return part.planarities[recent].second;
 }
@@ -145,11 +145,10 @@ void HybridIcp::classify(const LocalMap& map, const Pose& local_from_source, Par
     }
     if (!(static_cast<double>(shape.score) < tau)) continue;
     c.normal = shape.normal;
-    if (config_.mode != IcpMode::kRobust) continue;
-    c.line = shape.line != Eigen::Vector3f::Zero();
+    c.line = config_.scan_lines && shape.line != Eigen::Vector3f::Zero();
     const bool drawn_by_a_sensor = c.line && c.seen_from_m > 0.0F;
     c.scan_line = drawn_by_a_sensor && is_scan_line(shape.line, sensor - c.searched_at, axis);
-    look_on_this_side(map, sensor, c);
+    if (config_.two_sides) look_on_this_side(map, sensor, c);
   }
 }
 

@@ -9,8 +9,9 @@ namespace hp2 {
 
 using namespace map_blocks;
 
-LocalMap::LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m)
-    : voxel_size_(voxel_size_m),
+LocalMap::LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m, bool wide)
+    : wide_(wide),
+      voxel_size_(voxel_size_m),
       inverse_voxel_size_(1.0 / voxel_size_m),
       capacity_(static_cast<std::size_t>(std::clamp(max_points_per_voxel, 1, 255))),
       lines_per_voxel_((capacity_ + kPointsPerLine - 1) / kPointsPerLine),
@@ -178,7 +179,7 @@ void LocalMap::add_moments(std::int32_t index, const Eigen::Vector3f& offset) {
 void LocalMap::mark_neighbours_stale(std::int32_t index) {
   const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
   const Block& block = blocks_[static_cast<std::size_t>(voxel.block)];
-  const Reach& reach = tables().reach[voxel.cell];
+  const Reach& reach = wide_ ? tables().wide_reach[voxel.cell] : tables().reach[voxel.cell];
   for (int k = 0; k < reach.blocks; ++k) {
     const auto number = static_cast<std::size_t>(k);
     const std::int32_t b = block.neighbours[reach.block[number]];

@@ -41,7 +41,8 @@ class LocalMap {
   /// @param voxel_size_m         edge of a voxel [m], > 0
   /// @param max_points_per_voxel a voxel takes no more points than this, 1..255
   /// @param min_spacing_m        points of one voxel are at least this far apart [m]
-  LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m);
+  /// @param wide                 where the 27 voxels around a point tell no plane, its shape is that of the 125
+  LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m, bool wide = false);
   double voxel_size_m() const { return voxel_size_; }
   std::size_t point_count() const { return point_count_; }
   std::size_t voxel_count() const { return voxels_.size() - free_voxels_.size(); }
@@ -69,6 +70,8 @@ class LocalMap {
   /// @param seen_from where the sensor is [m]
   void insert_other_side(const Eigen::Vector3d& p, const Eigen::Vector3f& normal,
                          const Eigen::Vector3d& seen_from);
+  /// Adds all points to another map, moved by `by`, as far as its voxels have room.
+  void copy_points(LocalMap& to, const Pose& by = Pose()) const;
   void move(const Pose& by);  ///< Points that then find their voxel full are left out.
 
   /// Drops all blocks whose centre is further than `radius_m` from `centre`.
@@ -154,7 +157,10 @@ class LocalMap {
     return (blocks_[static_cast<std::size_t>(voxel.block)].stale >> voxel.cell & 1U) != 0;
   }
   /// Computes it anew, or takes what analyse(neighbourhood_moments(i)) gave.
-  void update_planarity(std::int32_t i) { set_planarity(i, analyse(neighbourhood_moments(i))); }
+  void update_planarity(std::int32_t i) { set_planarity(i, shape(i)); }
+  /// Shape of the 27 voxels around voxel i; in a wide map of the 125 where those hold too few points or only a
+  /// line, as a few scan lines do.
+  Planarity shape(std::int32_t i) const;
   void set_planarity(std::int32_t i, const Planarity& planarity) {
     planarities_[static_cast<std::size_t>(i)] = planarity;
     const Voxel& voxel = voxels_[static_cast<std::size_t>(i)];
@@ -162,7 +168,8 @@ class LocalMap {
     all_stale_ = false;
   }
   /// Sum of the moments of the 27 voxels around voxel i, about voxel i's corner.
-  Moments neighbourhood_moments(std::int32_t i) const;
+  /// @param wide of the 125 voxels instead
+  Moments neighbourhood_moments(std::int32_t i, bool wide = false) const;
 
   /// Calls visit(const Eigen::Vector3d& point) for all points, in an order that depends on the history of
   /// calls alone.
@@ -261,6 +268,7 @@ class LocalMap {
     __builtin_prefetch(&lines_[static_cast<std::size_t>(voxel) * lines_per_voxel_]);
   }
 
+  bool wide_;
   double voxel_size_, inverse_voxel_size_;
   std::size_t capacity_, lines_per_voxel_;
   double min_spacing_;

@@ -29,7 +29,7 @@ inline std::size_t neighbour_number(const Eigen::Vector3i& offset) {
   return static_cast<std::size_t>((offset.x() + 1) + 3 * (offset.y() + 1) + 9 * (offset.z() + 1));
 }
 
-/// Which cells of which blocks the 27 voxels around a cell are.
+/// Which cells of which blocks the voxels around a cell are.
 struct Reach {
   int blocks = 0;                        ///< At most 8.
   std::array<std::uint8_t, 8> block{};   ///< Numbers among the 27 blocks around the cell's own.
@@ -42,25 +42,36 @@ struct Step {
 };
 
 struct Tables {
-  std::array<Reach, 64> reach;
+  std::array<Reach, 64> reach;       ///< Of the 27 voxels around each cell.
+  std::array<Reach, 64> wide_reach;  ///< Of the 125 voxels around each cell.
   /// For each cell, and each of its corners (bit a: the upper one along axis a): the eight voxels that meet
   /// there, bit a of their number: the neighbour along axis a instead of the cell itself.
   std::array<std::array<Step, 8>, 512> octants;
 
+  static Reach reach_of(const Eigen::Vector3i& cell, int radius) {
+    std::array<std::uint64_t, 27> cells{};
+    for (int z = -radius; z <= radius; ++z) {
+      for (int y = -radius; y <= radius; ++y) {
+        for (int x = -radius; x <= radius; ++x) {
+          const Eigen::Vector3i v = cell + Eigen::Vector3i(x, y, z);
+          cells[neighbour_number(block_of(v))] |= std::uint64_t{1} << cell_of(v);
+        }
+      }
+    }
+    Reach r;
+    for (std::size_t k = 0; k < 27; ++k) {
+      if (cells[k] == 0) continue;
+      r.block[static_cast<std::size_t>(r.blocks)] = static_cast<std::uint8_t>(k);
+      r.cells[static_cast<std::size_t>(r.blocks++)] = cells[k];
+    }
+    return r;
+  }
+
   Tables() {
     for (int c = 0; c < 64; ++c) {
       const Eigen::Vector3i cell(c & kMask, (c >> kBits) & kMask, c >> (2 * kBits));
-      std::array<std::uint64_t, 27> cells{};
-      for (int k = 0; k < 27; ++k) {
-        const Eigen::Vector3i v = cell + neighbour_offset(k);
-        cells[neighbour_number(block_of(v))] |= std::uint64_t{1} << cell_of(v);
-      }
-      Reach& r = reach[static_cast<std::size_t>(c)];
-      for (std::size_t k = 0; k < 27; ++k) {
-        if (cells[k] == 0) continue;
-        r.block[static_cast<std::size_t>(r.blocks)] = static_cast<std::uint8_t>(k);
-        r.cells[static_cast<std::size_t>(r.blocks++)] = cells[k];
-      }
+      reach[static_cast<std::size_t>(c)] = reach_of(cell, 1);
+      wide_reach[static_cast<std::size_t>(c)] = reach_of(cell, 2);
       for (int o = 0; o < 8; ++o) {
         for (int k = 0; k < 8; ++k) {
           Eigen::Vector3i v = cell;

@@ -220,11 +220,19 @@ NearestPoint LocalMap::nearest_of_27(const Probe& query, float margin_m) const {
   return best;
 }
 
-Moments LocalMap::neighbourhood_moments(std::int32_t index) const {
+Planarity LocalMap::shape(std::int32_t index) const {
+  constexpr float kEnough = 5.0F;
+  const Planarity narrow = analyse(neighbourhood_moments(index));
+  if (!wide_ || (narrow.n >= kEnough && narrow.line == Eigen::Vector3f::Zero())) return narrow;
+  const Planarity wide = analyse(neighbourhood_moments(index, true));
+  return wide.n >= kEnough && wide.line == Eigen::Vector3f::Zero() ? wide : narrow;
+}
+
+Moments LocalMap::neighbourhood_moments(std::int32_t index, bool wide) const {
   // Sums of a block's voxels are about its centre, and the few blocks' sums are moved to the voxel's corner.
   const Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
   const Block& own = blocks_[static_cast<std::size_t>(voxel.block)];
-  const Reach& reach = tables().reach[voxel.cell];
+  const Reach& reach = wide ? tables().wide_reach[voxel.cell] : tables().reach[voxel.cell];
   const Eigen::Vector3d corner = voxel.coordinates.cast<double>() * voxel_size_;
   Moments sum;
   for (int k = 0; k < reach.blocks; ++k) {

@@ -12,10 +12,15 @@ namespace hp2 {
 using namespace map_blocks;
 
 void LocalMap::move(const Pose& by) {
-  LocalMap moved(voxel_size_, static_cast<int>(capacity_), min_spacing_);
+  LocalMap moved(voxel_size_, static_cast<int>(capacity_), min_spacing_, wide_);
+  copy_points(moved, by);
+  *this = std::move(moved);
+}
+
+void LocalMap::copy_points(LocalMap& moved, const Pose& by) const {
   for_each_voxel([&](std::int32_t i) {
     for (std::int32_t s = 0; s < count(i); ++s) {
-      const VoxelPoint at = locate(by * point(i, s));
+      const VoxelPoint at = moved.locate(by * point(i, s));
       const std::int32_t v = moved.voxel_at(at.voxel);
       if (!moved.has_room(v, at.offset)) continue;
       View turned = quantised(by.rotation * view(i, s).cast<double>());
@@ -23,7 +28,6 @@ void LocalMap::move(const Pose& by) {
       moved.add_point(v, at.offset, turned);
     }
   });
-  *this = std::move(moved);
 }
 
 void LocalMap::save(ByteWriter& out) const {
@@ -48,7 +52,7 @@ void LocalMap::save(ByteWriter& out) const {
 }
 
 void LocalMap::load(ByteReader& in) {
-  *this = LocalMap(voxel_size_, static_cast<int>(capacity_), min_spacing_);
+  *this = LocalMap(voxel_size_, static_cast<int>(capacity_), min_spacing_, wide_);
   const auto n_voxels = in.take<std::uint64_t>();
   for (std::uint64_t i = 0; i < n_voxels; ++i) {
     const auto coordinates = in.take<Voxel3i>();

@@ -17,7 +17,7 @@ IcpMode mode_of(const std::string& name) {
                 "Did you mean \"" + nearest_word(name, names) + "\"?");
   }
   constexpr IcpMode kModes[] = {IcpMode::kHybrid,     IcpMode::kPointToPoint,   IcpMode::kPointToPlane,
-                                IcpMode::kFixedAlpha, IcpMode::kFixedThreshold, IcpMode::kRobust};
+                                IcpMode::kFixedAlpha, IcpMode::kFixedThreshold, IcpMode::kHybrid};
   return kModes[at - names.begin()];
 }
 
@@ -36,6 +36,11 @@ IcpConfig icp_config(const FrontendConfig& c) {
   // be centimetres, towards the prediction.
   constexpr double kCreeps = 3.0;
   icp.convergence_m = c.convergence_m / (icp.mode == IcpMode::kPointToPoint ? kCreeps : 1.0);
+  const RobustConfig robust = robust_parts(c);
+  icp.weak_directions = robust.weak_directions;
+  icp.two_sides = robust.two_sides;
+  icp.scan_lines = robust.scan_lines;
+  icp.refinement = robust.refinement;
   icp.in_plane_weight = c.in_plane_weight;
   icp.weak_direction_ratio = c.weak_direction_ratio;
   icp.coarse_step_m = c.coarse_step_m;

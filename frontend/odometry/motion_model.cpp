@@ -3,34 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
-
 namespace hp2 {
 namespace {
 
 // A step longer than this is no gap but another clock: a sensor's driver that took the place of a player,
 // say. No motion can be predicted over a minute anyway.
 constexpr std::int64_t kOtherClockUs = 60'000'000;
-// Mean square of `deviation` along those axes of `covariance` whose standard deviation is below `limit`;
-// negative if there is none.
-double observed_mean_square(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covariance,
-                            double limit) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance);
-  double sum = 0.0;
-  int n = 0;
-  for (int i = 0; i < 3; ++i) {
-    if (!(eigen.eigenvalues()[i] < limit * limit)) continue;
-    const double d = eigen.eigenvectors().col(i).dot(deviation);
-    sum += d * d;
-    ++n;
-  }
-  return n > 0 ? sum / n : -1.0;
-}
-
-// However good the predictions were, the next one may be off by this much: the sensor is free to accelerate.
-constexpr double kMinTranslation = 0.1, kMinRotation = 0.01;  // [m], [rad]
-
 // Share of the last change of velocity that is expected to go on.
 constexpr double kMostAcceleration = 0.5;
 
@@ -140,6 +118,7 @@ void MotionModel::add(const Pose& pose, std::int64_t utime, const SweepMotion& s
   last_utime_ = utime;
   last_duration_ = sweep.duration_us;
   has_pose_ = true;
+  poses_ = std::min(poses_ + 1, 10);
   if (has_motion_) start_filter(sweep.twist);
 }
 
@@ -148,41 +127,14 @@ Unevenness MotionModel::unevenness(std::int64_t duration_us) const {
   return {duration * change_, duration * jerk_};
 }
 
-PosePrior MotionModel::prior(std::int64_t utime) const {
-  constexpr int kEnough = 5;
-  PosePrior out;
-  out.map_from_source = predict(utime);
-  if (!has_motion_ || learned_ < kEnough) return out;
-  const double ratio =
-      std::max(1.0, static_cast<double>(interval_us(utime)) / static_cast<double>(interval_));
-  const double spread = ratio * ratio;
-  out.information.diagonal().head<3>().setConstant(
-      1.0 / (spread * std::max(translation_variance_, kMinTranslation * kMinTranslation)));
-  out.information.diagonal().tail<3>().setConstant(
-      1.0 / (spread * std::max(rotation_variance_, kMinRotation * kMinRotation)));
-  return out;
-}
-
-void MotionModel::learn(const PosePrior& prior, const Pose& registered, const Matrix6d& information) {
-  const Pose& predicted = prior.map_from_source;
-  if (!has_motion_) return;
-  constexpr double kObservedTranslation = 0.05, kObservedRotation = 0.01, kMemory = 0.95;
-  const Matrix6d covariance = (information + 1e-6 * Matrix6d::Identity()).inverse();
-  Vector6d deviation;
-  deviation << registered.translation - predicted.translation,
-      so3_log(registered.rotation * predicted.rotation.conjugate());
-  // What the scan alone would have said: taking the registered pose would make the prediction look better
-  // than it was.
-  deviation += covariance * (prior.information * deviation);
-  const Eigen::Vector3d translation = deviation.head<3>();
-  const Eigen::Vector3d rotation = deviation.tail<3>();
-  const double t = observed_mean_square(translation, covariance.topLeftCorner<3, 3>(), kObservedTranslation);
-  const double r = observed_mean_square(rotation, covariance.bottomRightCorner<3, 3>(), kObservedRotation);
-  // The mean of the first few, then a running mean.
-  const double keep = learned_ < 20 ? static_cast<double>(learned_) / (learned_ + 1) : kMemory;
-  if (t >= 0.0) translation_variance_ = keep * translation_variance_ + (1.0 - keep) * t;
-  if (r >= 0.0) rotation_variance_ = keep * rotation_variance_ + (1.0 - keep) * r;
-  if (t >= 0.0 && r >= 0.0) ++learned_;
+double MotionModel::surprise_at(const Pose& pose, std::int64_t utime, std::int64_t duration_us) const {
+  if (!has_motion_) return 0.0;
+  constexpr double kTranslation = 0.1, kRotation = 0.02;  // [m], [rad]
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(kTranslation * kTranslation);
+  covariance.diagonal().tail<3>().setConstant(kRotation * kRotation);
+  const Vector6d sweep = sweep_twist(duration_us, pose, utime);
+  return filter_.measured(pose * se3_exp(-0.5 * sweep), covariance, to_middle_s(utime, duration_us)).surprise();
 }
 
 void MotionModel::save(ByteWriter& out) const {
@@ -192,9 +144,7 @@ void MotionModel::save(ByteWriter& out) const {
   out.put(last_utime_);
   out.put(static_cast<std::uint8_t>(has_pose_));
   out.put(static_cast<std::uint8_t>(has_motion_));
-  out.put(translation_variance_);
-  out.put(rotation_variance_);
-  out.put(learned_);
+  out.put(poses_);
   out.put(usual_translation_);
   out.put(usual_up_);
   out.put(change_);
@@ -211,9 +161,7 @@ void MotionModel::load(ByteReader& in) {
   last_utime_ = in.take<std::int64_t>();
   has_pose_ = in.take<std::uint8_t>() != 0;
   has_motion_ = in.take<std::uint8_t>() != 0;
-  translation_variance_ = in.take<double>();
-  rotation_variance_ = in.take<double>();
-  learned_ = in.take<int>();
+  poses_ = in.take<int>();
   usual_translation_ = in.take<Eigen::Vector3d>();
   usual_up_ = in.take<Eigen::Vector3d>();
   change_ = in.take<Vector6d>();
@@ -221,11 +169,10 @@ void MotionModel::load(ByteReader& in) {
   has_change_ = in.take<std::uint8_t>() != 0;
   filter_.load(in);
   last_duration_ = in.take<std::int64_t>();
-  const bool variances = translation_variance_ >= 0.0 && rotation_variance_ >= 0.0 && learned_ >= 0;
   const bool changes = change_.allFinite() && jerk_.allFinite() && change_.norm() + jerk_.norm() < 1e6;
   const bool times =
       interval_ > 0 && interval_ < kOtherClockUs && last_duration_ >= 0 && last_duration_ <= kOtherClockUs;
-  if (!times || !changes || !motion_.allFinite() || motion_.norm() > 1e6 || !variances) in.fail("motion");
+  if (!times || !changes || !motion_.allFinite() || motion_.norm() > 1e6 || poses_ < 0) in.fail("motion");
   const bool up = std::abs(usual_up_.norm() - 1.0) < 1e-6;
   if (!usual_translation_.allFinite() || usual_translation_.norm() > 1e6 || !up) in.fail("usual step");
 }

@@ -6,7 +6,6 @@
 
 #include "common/byte_io.hpp"
 #include "common/geometry/pose.hpp"
-#include "common/registration/hybrid_icp.hpp"
 #include "frontend/odometry/motion_filter.hpp"
 
 namespace hp2 {
@@ -67,14 +66,14 @@ class MotionModel {
     const std::int64_t dt = interval_us(utime);
     return has_motion_ && dt > kSecond && dt / 3 > interval_;  // no product: a damaged state's may overflow
   }
-  /// True while fewer than ten predictions have been compared with what registration made of them.
-  bool is_new() const { return learned_ < 10; }
+  /// True for the first ten poses of the session, or after a loss.
+  bool is_new() const { return poses_ < 10; }
   /// Forgets the motion and what was learned of it: the next pose is a first one.
   void restart() {
     has_pose_ = has_motion_ = has_change_ = false;
     change_.setZero();
     jerk_.setZero();
-    learned_ = 0;
+    poses_ = 0;
   }
   /// The sensor moves at `velocity` [twist / us].
   void start(const Vector6d& velocity);
@@ -94,17 +93,15 @@ class MotionModel {
   /// How far the last pose was from the expected one: its squared error over what was expected of it, 1 in
   /// the mean.
   double surprise() const { return has_motion_ ? filter_.surprise() : 0.0; }
+  /// The same, were the sensor at `pose` at `utime`, at the end of a sweep of `duration_us`; 0 before there is a
+  /// velocity. A pose is believed to a decimetre and a degree.
+  double surprise_at(const Pose& pose, std::int64_t utime, std::int64_t duration_us) const;
+  /// Motion from the pose before the last one to the last one.
+  Pose last_step() const { return se3_exp(motion_); }
 
   /// How unevenly the sensor has come to the last pose; a sweep of unknown length (0) lasts as long as the
   /// interval.
   Unevenness unevenness(std::int64_t duration_us) const;
-
-  /// What the prediction for `utime` is worth, from how well earlier ones did; no information before there is
-  /// a velocity.
-  PosePrior prior(std::int64_t utime) const;
-  /// Compares a prediction with what registration made of it, in the directions that the scan determined.
-  /// @param information of the registration (IcpResult::information)
-  void learn(const PosePrior& prior, const Pose& registered, const Matrix6d& information);
 
   const Pose& last_pose() const { return last_; }
   std::int64_t last_utime() const { return last_utime_; }
@@ -129,8 +126,7 @@ class MotionModel {
   std::int64_t interval_ = 100000;
   std::int64_t last_utime_ = 0;
   bool has_pose_ = false, has_motion_ = false, has_change_ = false;
-  double translation_variance_ = 0.0, rotation_variance_ = 0.0;  // of predictions, an axis [m^2, rad^2]
-  int learned_ = 0;                                              // number of predictions that they come from
+  int poses_ = 0;  // since the session's begin or a loss, at most ten
 };
 
 }  // namespace hp2

@@ -1,7 +1,9 @@
 #include "frontend/odometry/odometry_covariance.hpp"
 
 #include <algorithm>
+#include <cmath>
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 namespace hp2 {
@@ -39,6 +41,12 @@ Matrix6d registration_covariance(const IcpResult& icp, double sigma_m) {
   covariance.diagonal().head<3>().array() += kFloor * kFloor;
   covariance.diagonal().tail<3>().array() += kFloorRotation * kFloorRotation;
   return 0.5 * (covariance + covariance.transpose());
+}
+
+double weakest_deviation_m(const Matrix6d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance.topLeftCorner<3, 3>(),
+                                                             Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, eigen.eigenvalues()[2]));
 }
 
 Matrix6d deskew_covariance(const Unevenness& uneven) {

@@ -11,6 +11,9 @@ namespace hp2 {
 /// @param sigma_m scale that the scan was registered with
 Matrix6d registration_covariance(const IcpResult& icp, double sigma_m);
 
+/// Standard deviation of the translation along its most uncertain direction [m].
+double weakest_deviation_m(const Matrix6d& covariance);
+
 /// What comes to it from points that were deskewed at constant velocity while the sensor moved unevenly.
 Matrix6d deskew_covariance(const Unevenness& uneven);
 

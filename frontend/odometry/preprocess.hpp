@@ -16,7 +16,7 @@ struct PreprocessConfig {
   double min_range_m = 1.0;
   double max_range_m = 100.0;
   double map_voxel_m = 0.3;     ///< One point a voxel of this edge goes on to the map.
-  double source_voxel_m = 0.6;  ///< Of these one a voxel of this edge is registered.
+  double source_voxel_m = 0.7;  ///< Of these one a voxel of this edge is registered.
 };
 
 /// The points of a sweep that survive, in the order of firing.
@@ -33,6 +33,11 @@ class Preprocessor {
  public:
   explicit Preprocessor(const PreprocessConfig& config);
 
+  /// From now on.
+  void set_voxels(double map_voxel_m, double source_voxel_m) {
+    config_.map_voxel_m = map_voxel_m;
+    config_.source_voxel_m = source_voxel_m;
+  }
   /// @param use_time take scan.time along (it must then hold one entry a point)
   void run(const Scan& scan, bool use_time, const Parallel& parallel, PreprocessedScan& out);
 

@@ -7,40 +7,12 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "frontend/odometry/start_smoothing.hpp"
+#include "frontend/odometry/deskew.hpp"
 
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kScans = 16;     // that decide
-constexpr std::size_t kScreening = 7;  // after so many the unlikely candidates are given up
-constexpr std::size_t kFinalists = 6;
-// Of a candidate's registration at most: from a wrong speed they would go on for long.
-constexpr int kIterations = 10;
-constexpr std::size_t kLeastRegistered = 8;
-constexpr double kDoubtful = 0.075;  // median smallest eigenvalue ratio below which the start is searched
-constexpr double kSpacing_m = 0.5;   // a scan interval, from candidate to candidate: ICP reaches farther
-constexpr int kSteps = 8;            // candidates to each side
-// Scans may be missing, and stamps may be off by so much of an interval; else there is no telling what is
-// smooth.
-constexpr double kMostIntervals = 4.0, kJitter = 0.3;
-// Candidates that have come to one way: the same place [m], and motion [m] in the last interval.
-constexpr double kSamePlace = 0.1, kSameStep = 0.05;
-// Weight of the way's roughness, and what of it is the noise of registration: who jumps less is not smoother.
-constexpr double kRoughness = 0.05, kNoise_m_s = 0.35;
-// By how much a way must be better than the one followed: another one (0.014 on a highway that needs it), and
-// one that lies beside it and is worth less (chance gives 0.016 in a corridor).
-constexpr double kClearly = 0.009, kClearlyBeside = 0.02;
-
-Vector6d step(const Pose& from, const Pose& to) { return se3_log(from.inverse() * to); }
-
-// Velocity in each interval [twist / us].
-std::vector<Vector6d> velocities(const std::vector<Pose>& poses, const std::vector<double>& intervals) {
-  std::vector<Vector6d> out;
-  for (std::size_t i = 1; i < poses.size(); ++i)
-    out.push_back(step(poses[i - 1], poses[i]) / intervals[i - 1]);
-  return out;
-}
+constexpr int kMapPoints = 5;  // per voxel of a candidate's map
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -48,245 +20,232 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
+double median_interval(const std::vector<ThinScan>& scans) {
+  std::vector<double> intervals;
+  for (std::size_t i = 1; i < scans.size(); ++i)
+    intervals.push_back(static_cast<double>(scans[i].utime - scans[i - 1].utime));
+  return median(intervals);
+}
+
+// Points [begin, end) of a scan moved to the sweep's end.
+std::vector<Eigen::Vector3f> deskewed(const ThinScan& scan, const Vector6d& velocity, std::size_t begin,
+                                      std::size_t end) {
+  std::vector<Eigen::Vector3f> out(scan.points.begin() + static_cast<std::ptrdiff_t>(begin),
+                                   scan.points.begin() + static_cast<std::ptrdiff_t>(end));
+  if (scan.time.empty()) return out;
+  const Deskew move(static_cast<double>(scan.duration_us) * velocity);
+  for (std::size_t i = begin; i < end; ++i) out[i - begin] = move(scan.points[i], scan.time[i]);
+  return out;
+}
+
+std::vector<Eigen::Vector3f> source_of(const ThinScan& scan, const Vector6d& velocity) {
+  return deskewed(scan, velocity, 0, scan.n_source);
+}
+
+std::vector<Eigen::Vector3f> map_points_of(const ThinScan& scan, const Vector6d& velocity) {
+  return deskewed(scan, velocity, scan.n_source, scan.points.size());
+}
+
+IcpConfig quick(IcpConfig icp, int iterations) {
+  icp.max_iterations = std::min(icp.max_iterations, iterations);
+  icp.refinement = false;
+  return icp;
+}
+
 }  // namespace
 
-void StartSearch::Way::add(const Track& track, TrackingState state) {
-  poses.push_back(track.last_pose());
-  states.push_back(state);
-  const IcpResult& icp = track.last_registration();
-  if (poses.size() < 2 || icp.n_planar + icp.n_non_planar == 0) return;
-  agreement += track.agreement();
-  information += icp.information;
-  eigenvalue_ratios.push_back(icp.min_eigenvalue_ratio);
-}
-
-void StartSearch::begin(const Track& followed) {
-  end();
-  base_ = followed;
-  StampedCloud& first = scans_.emplace_back();
-  first.cloud = followed.first_cloud();
-  first.utime = followed.last_utime();
-  followed_.add(followed, TrackingState::kTracking);
-}
-
-bool StartSearch::add(const StampedCloud& scan, TrackingState state, const Track& followed) {
-  if (scans_.size() == 1) scans_.front().duration_us = scan.duration_us;
-  scans_.push_back(scan);
-  followed_.add(followed, state);
-  return scans_.size() >= kScans;
-}
-
-StartSearch::Intervals StartSearch::stamped() const {
-  Intervals out;
-  for (std::size_t i = 1; i < scans_.size(); ++i)
-    out.push_back(static_cast<double>(scans_[i].utime - scans_[i - 1].utime));
+ThinScan thinned(const std::vector<Eigen::Vector3f>& points, const std::vector<float>& time,
+                 const std::vector<std::uint32_t>& chosen, std::size_t count, std::size_t map_count) {
+  ThinScan out;
+  const auto take = [&](std::size_t i) {
+    out.points.push_back(points[i]);
+    if (!time.empty()) out.time.push_back(time[i]);
+  };
+  const std::size_t stride = std::max<std::size_t>(1, chosen.size() / std::max<std::size_t>(1, count));
+  for (std::size_t k = 0; k < chosen.size(); k += stride) take(chosen[k]);
+  out.n_source = out.points.size();
+  const std::size_t map_stride = std::max<std::size_t>(1, points.size() / std::max<std::size_t>(1, map_count));
+  for (std::size_t i = 0; i < points.size(); i += map_stride) take(i);
   return out;
 }
 
-double StartSearch::usual_interval() const { return median(stamped()); }
-
-// As they are if the sensor turns evenly and it is the stamps that jitter.
-StartSearch::Intervals StartSearch::even() const {
-  Intervals out = stamped();
-  const double usual = usual_interval();
-  for (double& dt : out) dt = usual * std::max(1.0, std::round(dt / usual));
-  return out;
-}
-
-// RMS of the change of velocity from interval to interval [m/s].
-double StartSearch::roughness(const Way& way, const Intervals& intervals) {
-  const auto v = velocities(way.poses, intervals);
-  double squares = 0.0;
-  for (std::size_t i = 1; i < v.size(); ++i) squares += (v[i] - v[i - 1]).head<3>().squaredNorm();
-  return 1e6 * std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, v.size() - 1)));
-}
-
-// Mean agreement with the map, less what the way's jumps from interval to interval make unlikely.
-double StartSearch::score(const Way& way) const {
-  const double rough_m_s = std::min(roughness(way, stamped()), roughness(way, even()));
-  return way.agreement / static_cast<double>(way.poses.size() - 1) -
-         kRoughness * std::log(std::max(kNoise_m_s, rough_m_s));
-}
-
-// How far apart two ways from one first pose lie at most [m].
-double StartSearch::apart(const Way& a, const Way& b) {
-  double most = 0.0;
-  for (std::size_t i = 1; i < a.poses.size(); ++i) {
-    const Pose from_a = a.poses.front().inverse() * a.poses[i],
-               from_b = b.poses.front().inverse() * b.poses[i];
-    most = std::max(most, (from_a.translation - from_b.translation).norm());
+StartSearch::StartSearch(const StartSearchConfig& config, const IcpConfig& icp, double voxel_m,
+                         double spacing_m, std::vector<ThinScan> scans, std::vector<Pose> followed,
+                         const Matrix6d& information)
+    : config_(config),
+      icp_(quick(icp, config.iterations)),
+      voxel_m_(voxel_m),
+      spacing_m_(spacing_m),
+      scans_(std::move(scans)),
+      followed_(std::move(followed)) {
+  icp_.set_accelerated(true);
+  usual_interval_ = median_interval(scans_);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(information.topLeftCorner<3, 3>());
+  direction_ = followed_.front().rotation.conjugate() * eigen.eigenvectors().col(0);
+  for (int k = -config_.steps_aside; k <= config_.steps_aside; ++k) {
+    Vector6d velocity = Vector6d::Zero();
+    velocity.head<3>() = k * config_.spacing_m / usual_interval_ * direction_;
+    add_candidate(velocity);
   }
+}
+
+bool StartSearch::worthwhile(const StartSearchConfig& config, const std::vector<ThinScan>& scans,
+                             std::vector<double> eigenvalue_ratios) {
+  // Scans may be missing, and stamps be off by a part of an interval; else there is no telling what is smooth.
+  constexpr double kMostIntervals = 4.0, kJitter = 0.3;
+  if (scans.size() < config.scans || 2 * eigenvalue_ratios.size() < config.scans) return false;
+  const double usual = median_interval(scans);
+  if (!(usual > 0.0)) return false;
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    const double intervals = static_cast<double>(scans[i].utime - scans[i - 1].utime) / usual;
+    const double whole = std::round(intervals);
+    if (!(whole >= 1.0 && whole <= kMostIntervals && std::abs(intervals - whole) <= kJitter)) return false;
+  }
+  return median(std::move(eigenvalue_ratios)) < config.doubtful_ratio;
+}
+
+bool StartSearch::work(int steps, const Parallel& parallel) {
+  for (; steps > 0 && round_ != Round::kDone; --steps) {
+    const std::size_t until = round_ == Round::kScreening ? config_.screening : scans_.size();
+    while (at_ < candidates_.size() && (candidates_[at_].lost || candidates_[at_].poses.size() >= until)) ++at_;
+    if (at_ < candidates_.size()) {
+      register_next(candidates_[at_], parallel);
+    } else {
+      next_round();
+    }
+  }
+  return round_ == Round::kDone;
+}
+
+void StartSearch::register_next(Candidate& c, const Parallel& parallel) {
+  constexpr double kMinSigma = 0.1;
+  constexpr int kWindow = 100, kFewest = 10;
+  const ThinScan& scan = scans_[c.poses.size()];
+  if (c.poses.empty()) {
+    c.map.emplace(voxel_m_, kMapPoints, spacing_m_, true);
+    c.scale.emplace(config_.sigma_m, kMinSigma, kWindow);
+    c.poses.push_back(followed_.front());
+    c.last_velocity = c.velocity;
+    c.map->insert(map_points_of(scan, c.velocity), c.poses.back(), c.poses.back().translation);
+    return;
+  }
+  const Pose last = c.poses.back();
+  const double dt = interval_us(c.poses.size());
+  const Pose predicted = last * se3_exp(dt * c.last_velocity);
+  std::vector<Eigen::Vector3f> source = source_of(scan, c.last_velocity);
+  const double sigma = c.scale->sigma_m(1.0);
+  IcpResult icp = icp_.align(*c.map, source, predicted, sigma, parallel);
+  c.last_velocity = se3_log(last.inverse() * icp.map_from_source) / dt;
+  if (!scan.time.empty()) {
+    source = source_of(scan, c.last_velocity);
+    icp = icp_.align_again(*c.map, source, icp.map_from_source, sigma, parallel);
+    c.last_velocity = se3_log(last.inverse() * icp.map_from_source) / dt;
+  }
+  c.lost = icp.n_planar + icp.n_non_planar < kFewest;
+  if (c.lost) return;
+  c.agreement += icp_.agreement(*c.map, source, icp.map_from_source, parallel);
+  c.scale->add((predicted.inverse() * icp.map_from_source).translation.norm(), 1.0);
+  c.poses.push_back(icp.map_from_source);
+  c.map->insert(map_points_of(scan, c.last_velocity), icp.map_from_source, icp.map_from_source.translation);
+}
+
+// RMS of the change of velocity from interval to interval [m/s], stamps as they are or even, whichever is smoother.
+double StartSearch::roughness_m_s(const std::vector<Pose>& poses) const {
+  double stamped = 0.0, even = 0.0;
+  Eigen::Vector3d last_stamped = Eigen::Vector3d::Zero(), last_even = Eigen::Vector3d::Zero();
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    const Eigen::Vector3d step = se3_log(poses[i - 1].inverse() * poses[i]).head<3>();
+    const double dt = interval_us(i);
+    const Eigen::Vector3d s = step / dt,
+                          e = step / (usual_interval_ * std::max(1.0, std::round(dt / usual_interval_)));
+    if (i > 1) {
+      stamped += (s - last_stamped).squaredNorm();
+      even += (e - last_even).squaredNorm();
+    }
+    last_stamped = s;
+    last_even = e;
+  }
+  const auto n = static_cast<double>(std::max<std::size_t>(3, poses.size()) - 2);
+  return 1e6 * std::sqrt(std::min(stamped, even) / n);
+}
+
+// Mean agreement with the map, less what the changes of velocity make unlikely.
+double StartSearch::score(const Candidate& c) const {
+  if (c.lost || c.poses.size() < 2) return -std::numeric_limits<double>::infinity();
+  return c.agreement / static_cast<double>(c.poses.size() - 1) -
+         config_.roughness * std::log(std::max(config_.noise_m_s, roughness_m_s(c.poses)));
+}
+
+double StartSearch::distance_m(const std::vector<Pose>& a, const std::vector<Pose>& b) const {
+  double most = 0.0;
+  for (std::size_t i = 1; i < std::min(a.size(), b.size()); ++i)
+    most = std::max(most, (a[i].translation - b[i].translation).norm());
   return most;
 }
 
-double StartSearch::score(const Candidate& candidate) const {
-  return candidate.lost ? -std::numeric_limits<double>::infinity() : score(candidate.way);
+// Candidates that have come to one trajectory.
+bool StartSearch::same(const Candidate& a, const Candidate& b) const {
+  constexpr double kPlace = 0.1, kStep = 0.05;  // [m]
+  return (a.poses.back().translation - b.poses.back().translation).norm() < kPlace &&
+         usual_interval_ * (a.last_velocity - b.last_velocity).head<3>().norm() < kStep;
 }
 
-// In the sensor's frame at the start: along which the scans tell the motion the least.
-Eigen::Vector3d StartSearch::weak_direction() const {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(followed_.information.topLeftCorner<3, 3>());
-  return followed_.poses.front().rotation.conjugate() * eigen.eigenvectors().col(0);
-}
-
-// The candidate's first intervals are bent by the speed that it began with; what the later ones say of the
-// speed then, along the direction that was searched.
-Vector6d StartSearch::better_velocity(const Way& way) const {
+// The first intervals are bent by the speed that a candidate began with: the speed at the beginning as a line
+// through the later ones tells it, along the weakly observed direction.
+Vector6d StartSearch::later_velocity(const std::vector<Pose>& poses) const {
   constexpr std::size_t kBent = 3;
-  const Intervals intervals = roughness(way, even()) < roughness(way, stamped()) ? even() : stamped();
-  const auto v = velocities(way.poses, intervals);
-  const Eigen::Vector3d direction = weak_direction();
   double time = 0.0, n = 0.0, t = 0.0, s = 0.0, tt = 0.0, ts = 0.0;  // sums of a line s(time)
-  for (std::size_t i = 0; i < v.size(); ++i) {
-    time += intervals[i];
-    if (i < kBent) continue;
-    const double speed = direction.dot(v[i].head<3>());
+  Vector6d first = Vector6d::Zero();
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    const Vector6d v = se3_log(poses[i - 1].inverse() * poses[i]) / interval_us(i);
+    if (i == 1) first = v;
+    time += interval_us(i);
+    if (i <= kBent) continue;
+    const double speed = direction_.dot(v.head<3>());
     n += 1.0, t += time, s += speed, tt += time * time, ts += time * speed;
   }
   const double determinant = n * tt - t * t;
-  Vector6d out = v[0];
-  if (determinant > 0.0) {
-    const double speed = (tt * s - t * ts) / determinant;
-    out.head<3>() += (speed - direction.dot(out.head<3>())) * direction;
-  }
-  return out;
+  if (determinant > 0.0)
+    first.head<3>() += ((tt * s - t * ts) / determinant - direction_.dot(first.head<3>())) * direction_;
+  return first;
 }
 
-// Through scans_[way.poses.size()..until); from the first one on if it has not been begun.
-void StartSearch::run(Candidate& candidate, std::size_t until, const Parallel& parallel) const {
-  if (!candidate.track) {
-    candidate.track = base_;
-    candidate.track->limit_iterations(kIterations);
-    candidate.track->start_with(candidate.velocity, scans_[1].duration_us, parallel);
-    candidate.way.add(*candidate.track, TrackingState::kTracking);
-  }
-  Remarks ignored;  // the track that was followed has made them
-  for (std::size_t i = candidate.way.poses.size(); i < until && !candidate.lost; ++i) {
-    candidate.results.push_back(candidate.track->process(scans_[i], parallel, ignored, true).odometry);
-    const TrackingState state = candidate.results.back().state;
-    candidate.lost = state == TrackingState::kLost && followed_.states[i] != TrackingState::kLost;
-    candidate.way.add(*candidate.track, state);
-  }
-}
-
-// The most likely candidates, each at another place after the first scans. A few at a time: each has a map.
-std::vector<StartSearch::Candidate> StartSearch::screen(const Parallel& parallel) const {
-  constexpr int kAtATime = 4;
-  const Eigen::Vector3d direction = weak_direction();
-  const auto same = [](const Candidate& a, const Candidate& b) {
-    const Pose &at_a = a.way.poses.back(), &at_b = b.way.poses.back();
-    const Vector6d change = step(a.way.poses[kScreening - 2], at_a) - step(b.way.poses[kScreening - 2], at_b);
-    return (at_a.translation - at_b.translation).norm() < kSamePlace && change.head<3>().norm() < kSameStep;
-  };
-  std::vector<Candidate> kept;
-  for (int begin = -kSteps; begin <= kSteps; begin += kAtATime) {
-    const std::size_t before = kept.size();
-    for (int k = begin; k < begin + kAtATime && k <= kSteps; ++k) {
-      kept.emplace_back().velocity.head<3>() = k * kSpacing_m / usual_interval() * direction;
-    }
-    parallel.for_blocks(kept.size() - before, 1, [&](std::size_t i, std::size_t, std::size_t) {
-      run(kept[before + i], kScreening, parallel);
-    });
-    std::stable_sort(kept.begin(), kept.end(),
-                     [&](const Candidate& a, const Candidate& b) { return score(a) > score(b); });
+void StartSearch::next_round() {
+  std::stable_sort(candidates_.begin(), candidates_.end(),
+                   [&](const Candidate& a, const Candidate& b) { return score(a) > score(b); });
+  if (round_ == Round::kScreening) {
     std::vector<Candidate> best;
-    for (Candidate& c : kept) {
-      const auto same_as = [&](const Candidate& other) { return same(c, other); };
-      if (c.lost || std::any_of(best.begin(), best.end(), same_as)) continue;
+    for (Candidate& c : candidates_) {
+      const auto like = [&](const Candidate& other) { return same(c, other); };
+      if (c.lost || std::any_of(best.begin(), best.end(), like)) continue;
       best.push_back(std::move(c));
-      if (best.size() == kFinalists) break;
+      if (best.size() == config_.finalists) break;
     }
-    kept = std::move(best);
+    candidates_ = std::move(best);
+    round_ = candidates_.empty() ? Round::kDone : Round::kFinal;
+  } else if (round_ == Round::kFinal) {
+    // Once more from the speeds that the best one and the followed trajectory have come to.
+    candidates_.resize(std::min<std::size_t>(2, candidates_.size()));
+    add_candidate(later_velocity(candidates_.front().poses));
+    add_candidate(later_velocity(followed_));
+    round_ = Round::kAgain;
+  } else {
+    decide();
+    round_ = Round::kDone;
   }
-  return kept;
+  at_ = 0;
 }
 
-bool StartSearch::even_times() const {
-  const double usual = usual_interval();
-  if (!(usual > 0.0)) return false;
-  for (const double dt : stamped()) {
-    const double n = std::round(dt / usual);
-    if (!(n >= 1.0 && n <= kMostIntervals && std::abs(dt / usual - n) <= kJitter)) return false;
+void StartSearch::decide() {
+  const Candidate& best = candidates_.front();
+  // What stands for the trajectory followed: the best of those that have come to it.
+  double followed = -std::numeric_limits<double>::infinity();
+  for (const Candidate& c : candidates_) {
+    if (distance_m(c.poses, followed_) < config_.apart_m) followed = std::max(followed, score(c));
   }
-  return true;
-}
-
-// Where most scans tell the motion in all directions the first ones did, too.
-bool StartSearch::doubtful() const {
-  const auto& ratios = followed_.eigenvalue_ratios;
-  return even_times() && ratios.size() >= kLeastRegistered && median(ratios) < kDoubtful;
-}
-
-std::vector<Pose> StartSearch::smoothed(const std::vector<Pose>& poses, const Parallel& parallel) const {
-  if (!even_times()) return {};
-  return smoothed_start(base_->config(), scans_, poses, parallel);
-}
-
-std::optional<FoundStart> StartSearch::find(const Track& followed, const Parallel& parallel) const {
-  if (!doubtful()) return std::nullopt;
-  const auto keep_better = [&](std::optional<Candidate>& best, Candidate& c) {
-    if (!best || score(c) > score(*best)) best = std::move(c);
-  };
-  // Two at a time: each has a map.
-  const auto run_all = [&](std::vector<Candidate> candidates, const auto& take) {
-    while (!candidates.empty()) {
-      const std::size_t n = std::min<std::size_t>(2, candidates.size()), first = candidates.size() - n;
-      parallel.for_blocks(n, 1, [&](std::size_t i, std::size_t, std::size_t) {
-        run(candidates[first + i], scans_.size(), parallel);
-      });
-      for (; candidates.size() > first; candidates.pop_back()) {
-        if (!candidates.back().lost) take(candidates.back());
-      }
-    }
-  };
-  struct Outcome {
-    double score;
-    Vector6d velocity;
-  };
-  std::vector<Outcome> outcomes;
-  std::optional<Candidate> best;
-  run_all(screen(parallel), [&](Candidate& c) {
-    outcomes.push_back({score(c), better_velocity(c.way)});
-    keep_better(best, c);
-  });
-  if (!best) return std::nullopt;
-  const Vector6d velocity = better_velocity(best->way);
-  const auto elsewhere = [&](const Vector6d& other) {
-    return std::abs(weak_direction().dot((other - velocity).head<3>())) * usual_interval() > 0.5 * kSpacing_m;
-  };
-  const Outcome* other = nullptr;
-  for (const Outcome& o : outcomes) {
-    if (elsewhere(o.velocity) && (other == nullptr || o.score > other->score)) other = &o;
-  }
-  // Once more from the speed that the best of them came to, from that of the best of those that came to
-  // another one, and from that of the track followed, which began blindly and with a scale to match.
-  std::vector<Candidate> refined(2);
-  refined[0].velocity = velocity;
-  refined[1].velocity = better_velocity(followed_);
-  if (other != nullptr) refined.emplace_back().velocity = other->velocity;
-  std::optional<Candidate> here, there;
-  run_all(std::move(refined),
-          [&](Candidate& c) { keep_better(elsewhere(better_velocity(c.way)) ? there : here, c); });
-  // One speed or the other is told by both attempts at it: the first may have jumped because of where it
-  // began, and a way at a wrong speed does not come out as well again.
-  const auto mean = [&](double first, const std::optional<Candidate>& second) {
-    return second ? 0.5 * (first + score(*second)) : first;
-  };
-  if (there && mean(other != nullptr ? other->score : score(*there), there) > mean(score(*best), here)) {
-    best = std::move(there);
-  } else if (here) {
-    keep_better(best, *here);
-  }
-  const double needed = apart(best->way, followed_) < kSpacing_m ? kClearlyBeside : kClearly;
-  if (!(score(*best) > score(followed_) + needed)) return std::nullopt;
-  FoundStart found{std::move(*best->track), std::move(best->results), base_->begins_session()};
-  found.track.lift_limit();
-  if (found.moved) {
-    const Pose by = followed.last_pose() * found.track.last_pose().inverse();
-    found.track.move(by);
-    for (OdometryResult& r : found.results) r.odom_from_sensor = by * r.odom_from_sensor;
-  }
-  return found;
+  if (best.lost || roughness_m_s(best.poses) > config_.most_rough_m_s) return;
+  if (distance_m(best.poses, followed_) < config_.apart_m) return;
+  if (score(best) > followed + config_.clearly) found_ = later_velocity(best.poses);
 }
 
 }  // namespace hp2

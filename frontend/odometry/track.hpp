@@ -1,7 +1,5 @@
-// One estimate of the sensor's way: a local map, a motion model and the open submap. The front-end follows
-// one; at a doubtful start it tries others as well (start_search.hpp).
+// The odometry: one scan after the other is deskewed, registered to the local map, and added to it.
 #pragma once
-#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -33,80 +31,108 @@ struct StampedCloud {
 class Remarks {
  public:
   void once(unsigned bit, const std::string& text) {
-    if ((said_ >> bit & 1U) != 0) return;
-    said_ |= 1U << bit;
+    if ((made_ >> bit & 1U) != 0) return;
+    made_ |= 1U << bit;
     add(text);
   }
   void add(const std::string& text) { texts_.push_back(text); }
   std::vector<std::string> take() { return std::exchange(texts_, {}); }
-  unsigned said() const { return said_; }
-  void set_said(unsigned said) { said_ = said; }
+  unsigned made() const { return made_; }
+  void set_made(unsigned made) { made_ = made; }
 
  private:
-  unsigned said_ = 0;
+  unsigned made_ = 0;
   std::vector<std::string> texts_;
+};
+
+/// What a scan is processed with.
+struct TrackContext {
+  const Parallel& parallel;
+  Remarks& remarks;
+  bool hold_submap = false;  ///< The open submap is not cut: its scans may get other poses.
 };
 
 /// Registers scans one after the other. Copies are independent of each other.
 class Track {
  public:
-  explicit Track(const FrontendConfig& config)
-      : config_(config),
-        map_(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m),
-        icp_(icp_config(config)),
-        scale_(config.initial_sigma_m, config.min_sigma_m, config.sigma_window),
-        builder_(config.submap_voxel_m) {}
+  explicit Track(const FrontendConfig& config);
 
-  /// @param keep_open a start is being searched: the open submap is not cut unless a new start begins,
-  ///                  agreement() is taken, and registration reaches far in few iterations
-  FrontendOutput process(const StampedCloud& scan, const Parallel& parallel, Remarks& remarks,
-                         bool keep_open);
+  FrontendOutput process(const StampedCloud& scan, const TrackContext& context);
   std::optional<Submap> finish() { return builder_.finish(); }
 
   /// True between a first scan, of the session or after a loss, and the second: the speed is unknown.
   bool at_start() const { return !first_cloud_.points.empty(); }
   /// At a start: the first scan, not deskewed.
   const PreprocessedScan& first_cloud() const { return first_cloud_; }
-  /// At a start: the sensor moved at `velocity` [twist / us] in the first scan, in sweeps of `duration_us`.
+  /// At a start: the sensor moved at `velocity` [twist / us] in the first scan, a sweep of `duration_us`.
   void start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel);
-  /// Iterations of a registration at most, from now on, if the configuration does not allow fewer.
-  void limit_iterations(int n) { icp_.set_max_iterations(std::min(n, config_.max_iterations)); }
-  /// As many as the configuration allows.
-  void lift_limit() { icp_.set_max_iterations(config_.max_iterations); }
   /// True while the first scan of the session is the only one.
   bool begins_session() const { return builder_.id() == 0 && builder_.open_scans().size() == 1; }
-  /// Moves the whole way, the open submap and the map.
+  /// Makes the map anew with voxels of other sizes; its points stay where they are.
+  void set_sizes(const MapSizes& sizes);
+  /// Moves the trajectory so far, the open submap and the map.
   void move(const Pose& by);
 
-  const FrontendConfig& config() const { return config_; }
   std::int64_t last_utime() const { return motion_.last_utime(); }
   const Pose& last_pose() const { return motion_.last_pose(); }
   const SubmapBuilder& builder() const { return builder_; }
   SubmapBuilder& builder() { return builder_; }
+  const MapSizes& sizes() const { return sizes_; }
   /// Of the last scan; empty if it was not registered.
-  const IcpResult& last_registration() const { return last_registration_; }
-  /// HybridIcp::agreement() of the last scan; 0 if it was not registered.
-  double agreement() const { return agreement_; }
+  const IcpResult& last_registration() const { return registration_; }
 
   /// Right after a submap was cut only.
   void save(ByteWriter& out) const;
   void load(ByteReader& in);
 
  private:
-  void deskew(const Vector6d& sweep_twist);
-  void deskewed(const PreprocessedScan& cloud, const Vector6d& sweep_twist,
-                std::vector<Eigen::Vector3f>& out) const;
-  Vector6d better_sweep(const IcpResult& icp, double sigma, bool filtered) const;
+  // What is known of a scan before it is registered.
+  struct Expectation {
+    Pose pose;                 // predicted, at the sweep's end
+    double stretch = 1.0;      // MotionModel::stretch()
+    double error_m = 0.0;      // expected of the prediction; sigma but for its upper bound
+    double sigma_m = 0.0;      // of the registration
+    bool after_gap = false;    // the motion so far hardly tells where the sensor is
+    bool after_drops = false;  // scans are missing before this one
+  };
+  // What a registered scan is worth.
+  struct Verdict {
+    Pose pose;
+    Matrix6d covariance = Matrix6d::Zero();  // of the registration
+    TrackingState state = TrackingState::kTracking;
+    bool registered = false;
+    bool is_first = false, is_second = false;  // since the session's begin or a loss
+  };
+  using TurnedPoints = std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>;
+
+  // The steps of process(), in their order.
+  Expectation expect(const StampedCloud& scan, Remarks& remarks) const;
+  void deskew(const StampedCloud& scan, const Vector6d& sweep_twist, const Parallel& parallel);
+  IcpResult register_scan(const StampedCloud& scan, const Expectation& expected, const Parallel& parallel);
+  IcpResult deskew_again(IcpResult icp, const StampedCloud& scan, const Expectation& expected,
+                         const Parallel& parallel);
+  Verdict judge(const IcpResult& icp, const StampedCloud& scan, const Expectation& expected,
+                const TrackContext& context);
+  void learn_motion(const StampedCloud& scan, const Expectation& expected, Verdict& verdict);
+  std::optional<Submap> extend_maps(const StampedCloud& scan, const Expectation& expected,
+                                    const Verdict& verdict, ScanPose& entry, std::int64_t skipped,
+                                    const TrackContext& context);
+  void describe(const StampedCloud& scan, const Expectation& expected, const Verdict& verdict,
+                OdometryResult& out) const;
+  // guesses.cpp
+  IcpResult try_other_guesses(const IcpResult& icp, const StampedCloud& scan, const Expectation& expected,
+                              const Parallel& parallel);
+  bool is_lost(IcpResult& icp, const StampedCloud& scan, const Expectation& expected,
+               const TrackContext& context);
+  void begin_anew(const StampedCloud& scan);
+  IcpResult register_second(const StampedCloud& scan, double sigma_m, const Parallel& parallel);
+
+  LocalMap new_map() const;
   double submap_length_m() const;
-  // track_guesses.cpp
-  bool astray(double sigma, IcpResult& icp);
-  void look_farther(IcpResult& icp, double sigma, const PosePrior& prior);
-  void search_around(IcpResult& icp, double sigma, const PosePrior& prior);
-  void begin_anew();
-  IcpResult moving_start(double sigma);
-  IcpResult settle_start(IcpResult icp, double sigma, HybridIcp& aligner);
 
   FrontendConfig config_;
+  RobustConfig robust_;
+  MapSizes sizes_;
   LocalMap map_;
   HybridIcp icp_;
   AdaptiveScale scale_;
@@ -118,17 +144,16 @@ class Track {
   double usual_fit_ = 1.0;                                // running mean of IcpResult::fit
   Eigen::Vector3d evicted_at_ = Eigen::Vector3d::Zero();  // where the map was last cut to its radius
   PreprocessedScan first_cloud_;  // of the first scan, until the second has told how fast the sensor was then
-  IcpResult last_registration_;
-  double agreement_ = 0.0;
+  IcpResult registration_;
 
-  // Of the scan under way, and buffers kept from scan to scan.
-  const StampedCloud* scan_ = nullptr;
-  const Parallel* parallel_ = nullptr;
-  Remarks* remarks_ = nullptr;
+  // Kept from scan to scan for their memory: the present scan's points as deskewed, those to register, and how.
   std::vector<Eigen::Vector3f> points_, source_;
-  SweepMotion sweep_;  // that they were deskewed with
-  Vector6d predicted_sweep_ = Vector6d::Zero();
-  std::vector<std::pair<std::uint32_t, Eigen::Vector3f>> turned_;  // HybridIcp::turned_points()
+  SweepMotion sweep_;
+  TurnedPoints turned_;
 };
+
+/// Points of a scan moved to the sweep's end for a motion of `sweep_twist` in it; as they are without times.
+void deskew_points(const PreprocessedScan& cloud, const Vector6d& sweep_twist, const Parallel& parallel,
+                   std::vector<Eigen::Vector3f>& out);
 
 }  // namespace hp2
