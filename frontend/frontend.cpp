@@ -110,8 +110,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   return out;
 }
 
-// While the speed of the first scans is not settled the submap stays open: once it is cut its scans are final,
-// and the state that is saved then knows of no search.
+// While the speed of the first scans is not settled the submap stays open: once it is cut its scans are
+// final, and the state that is saved then knows of no search.
 void Frontend::Impl::revise_start(bool was_at_start, FrontendOutput& out) {
   if (!robust_.start_search) return;
   if (track_.at_start() && !was_at_start) {
@@ -140,7 +140,8 @@ void Frontend::Impl::take_up(RevisedStart revised, FrontendOutput& out) {
   if (first_is_cut_) revised.results.erase(revised.results.begin());
   out.revised = std::move(revised.results);
   remarks_.add(
-      "the sensor was moving when the first scan was taken, and how fast shows only now: the trajectory since "
+      "the sensor was moving when the first scan was taken, and how fast shows only now: the trajectory "
+      "since "
       "then has been estimated again");
 }
 

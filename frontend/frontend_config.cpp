@@ -25,14 +25,16 @@ ConfigSection frontend_section(FrontendConfig& c) {
         100.0);
   s.add("redeskew_gain", c.redeskew_gain,
         "Share of the difference that they correct in the first scans; later ones are filtered", 0.0, 1.0);
-  s.add("voxel_size_m", c.voxel_size_m, "Edge of a local map voxel [m]; 0: 0.4 to 0.8, by how far the sensor sees", 0.0, 10.0);
+  s.add("voxel_size_m", c.voxel_size_m,
+        "Edge of a local map voxel [m]; 0: 0.4 to 0.8, by how far the sensor sees", 0.0, 10.0);
   s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
-  s.add("min_spacing_m", c.min_spacing_m, "Points of a voxel are at least this far apart [m]; 0: 0.375 voxel_size_m", 0.0, 10.0);
+  s.add("min_spacing_m", c.min_spacing_m,
+        "Points of a voxel are at least this far apart [m]; 0: 0.375 voxel_size_m", 0.0, 10.0);
   s.add("map_point_voxel_m", c.map_point_voxel_m,
         "One point per voxel of this edge of each scan goes to the map [m]; 0: 0.375 voxel_size_m", 0.0,
         10.0);
-  s.add("source_voxel_m", c.source_voxel_m, "Of these one per voxel of this edge is registered [m]; 0: 0.875 voxel_size_m", 0.0,
-        10.0);
+  s.add("source_voxel_m", c.source_voxel_m,
+        "Of these one per voxel of this edge is registered [m]; 0: 0.875 voxel_size_m", 0.0, 10.0);
   s.add("tau_ref", c.tau_ref, "Planarity threshold at a neighbourhood of n_ref points", 1e-6, 1.0);
   s.add("n_ref", c.n_ref, "Neighbourhood size that tau_ref holds for", 1.0, 1e6);
   s.add("tau_min", c.tau_min, "Lower bound of tau(n)", 0.0, 1.0);
@@ -82,10 +84,12 @@ ConfigSection frontend_section(FrontendConfig& c) {
        "Mode robust: in-plane residuals support weakly observed directions");
   part("robust.two_sides", r.two_sides, "Mode robust: front and back of thin things are kept apart");
   part("robust.scan_lines", r.scan_lines, "Mode robust: lines that the sensor may have drawn have no normal");
-  part("robust.refinement", r.refinement, "Mode robust: last registration with a loss as narrow as the residuals");
+  part("robust.refinement", r.refinement,
+       "Mode robust: last registration with a loss as narrow as the residuals");
   part("robust.motion_filter", r.motion_filter, "Mode robust: filtered velocities, deskewing again");
   part("robust.guesses", r.guesses, "Mode robust: other guesses where predictions are far off");
-  part("robust.dropped_scans", r.dropped_scans, "Mode robust: a scan behind missing ones stays out of the map");
+  part("robust.dropped_scans", r.dropped_scans,
+       "Mode robust: a scan behind missing ones stays out of the map");
   part("robust.start_search", r.start_search, "Mode robust: the speed of the first scans is searched");
   part("robust.covariance_terms", r.covariance_terms,
        "Mode robust: covariance grows with what deskewing leaves and with surprises");

@@ -15,7 +15,6 @@ constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's dir
 // An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
 
-
 // Of a refinement: iterations at most; scales that are this share of the last ones no longer change; and
 // directions whose eigenvalue is below this share of the largest stay as they are: there, what a narrow scale
 // would leave out may be all that tells the motion (a highway, a corridor).
@@ -205,8 +204,8 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     if (!config_.weak_directions) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
     // Where a refinement goes on in all directions, the rest is left to it.
-    const bool to_be_refined = config_.refinement && !refining && !accelerated_ &&
-                               result.min_eigenvalue_ratio >= kRefinedDirections;
+    const bool to_be_refined =
+        config_.refinement && !refining && !accelerated_ && result.min_eigenvalue_ratio >= kRefinedDirections;
     const bool converged = stride == 1 && !narrowing &&
                            step.x.norm() < (to_be_refined ? kBeforeRefining : 1.0) * config_.convergence_m;
     if (accelerated_ && !converged) {

@@ -35,8 +35,9 @@ struct IcpConfig {
   double convergence_m = 3e-3;  ///< Ends when a step's translation [m] and rotation [rad] norm is below this.
   /// While steps are longer than this [m, rad], some 800 of the source points are registered; 0: always all.
   double coarse_step_m = 0.02;
-  bool weak_directions = false;  ///< Supports weakly observed directions by planar points' in-plane residuals,
-  double in_plane_weight = 0.3;  ///< of this weight,
+  bool weak_directions =
+      false;  ///< Supports weakly observed directions by planar points' in-plane residuals,
+  double in_plane_weight = 0.3;        ///< of this weight,
   double weak_direction_ratio = 0.03;  ///< where the eigenvalue is below this share of the largest.
   bool two_sides = false;   ///< Keeps a planar point to the side of the surface that it is seen from.
   bool scan_lines = false;  ///< No normal where the neighbourhood is a line that the sensor may have drawn.

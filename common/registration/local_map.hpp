@@ -41,7 +41,8 @@ class LocalMap {
   /// @param voxel_size_m         edge of a voxel [m], > 0
   /// @param max_points_per_voxel a voxel takes no more points than this, 1..255
   /// @param min_spacing_m        points of one voxel are at least this far apart [m]
-  /// @param wide                 where the 27 voxels around a point tell no plane, its shape is that of the 125
+  /// @param wide                 where the 27 voxels around a point tell no plane, its shape is that of the
+  /// 125
   LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m, bool wide = false);
   double voxel_size_m() const { return voxel_size_; }
   std::size_t point_count() const { return point_count_; }
@@ -158,8 +159,8 @@ class LocalMap {
   }
   /// Computes it anew, or takes what analyse(neighbourhood_moments(i)) gave.
   void update_planarity(std::int32_t i) { set_planarity(i, shape(i)); }
-  /// Shape of the 27 voxels around voxel i; in a wide map of the 125 where those hold too few points or only a
-  /// line, as a few scan lines do.
+  /// Shape of the 27 voxels around voxel i; in a wide map of the 125 where those hold too few points or only
+  /// a line, as a few scan lines do.
   Planarity shape(std::int32_t i) const;
   void set_planarity(std::int32_t i, const Planarity& planarity) {
     planarities_[static_cast<std::size_t>(i)] = planarity;

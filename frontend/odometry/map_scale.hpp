@@ -19,12 +19,13 @@ struct MapScaleConfig {
   double lines = 2.65, surface = 3.1;        ///< Growths that they belong to; between them linear.
   int every = 32;                            ///< Scans from one measurement to the next.
   double memory = 0.8;                       ///< Share of the mean growth that stays at a measurement.
-  double hysteresis = 1.25;                  ///< The voxel changes when the wanted one differs by this factor.
+  double hysteresis = 1.25;  ///< The voxel changes when the wanted one differs by this factor.
 };
 
-/// A voxel should be as small as the scene allows, and hold several scan lines. Where halving the voxels gives
-/// nearly four times as many, the scan covers surfaces densely at that size; where it gives twice as many or
-/// fewer, they fall apart into lines and points. The first scan sets the voxel; later it changes in rare steps.
+/// A voxel should be as small as the scene allows, and hold several scan lines. Where halving the voxels
+/// gives nearly four times as many, the scan covers surfaces densely at that size; where it gives twice as
+/// many or fewer, they fall apart into lines and points. The first scan sets the voxel; later it changes in
+/// rare steps.
 class MapScale {
  public:
   explicit MapScale(const MapScaleConfig& config = {}) : config_(config) {}
@@ -46,8 +47,8 @@ class MapScale {
   double voxel_m_ = 0.8;
 };
 
-/// Voxels of edge `voxel_m` that a scan's points occupy, over those of twice the edge: 1 to 4, and some more where
-/// little is seen; 0 without points within the ranges [m].
+/// Voxels of edge `voxel_m` that a scan's points occupy, over those of twice the edge: 1 to 4, and some more
+/// where little is seen; 0 without points within the ranges [m].
 double surface_growth(const Scan& scan, double voxel_m, double min_range_m, double max_range_m);
 
 }  // namespace hp2

@@ -134,7 +134,8 @@ double MotionModel::surprise_at(const Pose& pose, std::int64_t utime, std::int64
   covariance.diagonal().head<3>().setConstant(kTranslation * kTranslation);
   covariance.diagonal().tail<3>().setConstant(kRotation * kRotation);
   const Vector6d sweep = sweep_twist(duration_us, pose, utime);
-  return filter_.measured(pose * se3_exp(-0.5 * sweep), covariance, to_middle_s(utime, duration_us)).surprise();
+  return filter_.measured(pose * se3_exp(-0.5 * sweep), covariance, to_middle_s(utime, duration_us))
+      .surprise();
 }
 
 void MotionModel::save(ByteWriter& out) const {

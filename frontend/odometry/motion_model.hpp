@@ -93,8 +93,8 @@ class MotionModel {
   /// How far the last pose was from the expected one: its squared error over what was expected of it, 1 in
   /// the mean.
   double surprise() const { return has_motion_ ? filter_.surprise() : 0.0; }
-  /// The same, were the sensor at `pose` at `utime`, at the end of a sweep of `duration_us`; 0 before there is a
-  /// velocity. A pose is believed to a decimetre and a degree.
+  /// The same, were the sensor at `pose` at `utime`, at the end of a sweep of `duration_us`; 0 before there
+  /// is a velocity. A pose is believed to a decimetre and a degree.
   double surprise_at(const Pose& pose, std::int64_t utime, std::int64_t duration_us) const;
   /// Motion from the pose before the last one to the last one.
   Pose last_step() const { return se3_exp(motion_); }

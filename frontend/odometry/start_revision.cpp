@@ -5,8 +5,8 @@
 namespace hp2 {
 namespace {
 
-constexpr int kSearchSteps = 3;        // per scan: about one usual scan's work
-constexpr std::size_t kScansAgain = 2;  // per scan, until the new estimate has caught up
+constexpr int kSearchSteps = 6;         // per scan
+constexpr std::size_t kScansAgain = 3;  // per scan, until the new estimate has caught up
 
 }  // namespace
 
@@ -48,7 +48,8 @@ void StartRevision::begin_search(const Track& followed) {
   std::vector<Pose> poses;
   for (std::size_t i = 0; i < scans_.size(); ++i) {
     const PreprocessedScan& cloud = scans_[i].cloud;
-    ThinScan& t = thin.emplace_back(thinned(cloud.points, cloud.time, cloud.source, config_.points, config_.map_points));
+    ThinScan& t = thin.emplace_back(
+        thinned(cloud.points, cloud.time, cloud.source, config_.points, config_.map_points));
     t.utime = scans_[i].utime;
     t.duration_us = scans_[i].duration_us;
     poses.push_back(results_[i].odom_from_sensor);

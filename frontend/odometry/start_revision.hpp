@@ -1,5 +1,5 @@
-// The first scans of a session, or after a loss, estimated once more where their speed was in doubt. All work is
-// done in small parts beside the scans that come meanwhile.
+// The first scans of a session, or after a loss, estimated once more where their speed was in doubt. All work
+// is done in small parts beside the scans that come meanwhile.
 #pragma once
 #include <optional>
 #include <vector>
@@ -37,8 +37,8 @@ class StartRevision {
 
   StartSearchConfig config_;
   IcpConfig icp_;
-  std::optional<Track> base_;          // before the second scan
-  std::vector<StampedCloud> scans_;    // whole, since the first
+  std::optional<Track> base_;        // before the second scan
+  std::vector<StampedCloud> scans_;  // whole, since the first
   std::vector<OdometryResult> results_;
   std::vector<double> eigenvalue_ratios_;
   Matrix6d information_ = Matrix6d::Zero();

@@ -38,6 +38,30 @@ std::vector<Eigen::Vector3f> deskewed(const ThinScan& scan, const Vector6d& velo
   return out;
 }
 
+// Scans may be missing, and stamps be off by a part of an interval.
+bool is_even(double intervals) {
+  constexpr double kMostIntervals = 4.0, kJitter = 0.3;
+  const double whole = std::round(intervals);
+  return whole >= 1.0 && whole <= kMostIntervals && std::abs(intervals - whole) <= kJitter;
+}
+
+// At most one stamp in so many may be out of line: else there is no telling what is smooth.
+constexpr std::size_t kMostUneven = 4;
+
+// The scans with stamps out of line moved into it.
+void mend_stamps(std::vector<ThinScan>& scans, double usual) {
+  std::int64_t before = scans.front().utime, shift = 0;
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    const auto interval = static_cast<double>(scans[i].utime - before);
+    before = scans[i].utime;
+    if (!is_even(interval / usual)) {
+      const double whole = std::clamp(std::round(interval / usual), 1.0, 2.0);
+      shift += static_cast<std::int64_t>(whole * usual - interval);
+    }
+    scans[i].utime += shift;
+  }
+}
+
 std::vector<Eigen::Vector3f> source_of(const ThinScan& scan, const Vector6d& velocity) {
   return deskewed(scan, velocity, 0, scan.n_source);
 }
@@ -64,7 +88,8 @@ ThinScan thinned(const std::vector<Eigen::Vector3f>& points, const std::vector<f
   const std::size_t stride = std::max<std::size_t>(1, chosen.size() / std::max<std::size_t>(1, count));
   for (std::size_t k = 0; k < chosen.size(); k += stride) take(chosen[k]);
   out.n_source = out.points.size();
-  const std::size_t map_stride = std::max<std::size_t>(1, points.size() / std::max<std::size_t>(1, map_count));
+  const std::size_t map_stride =
+      std::max<std::size_t>(1, points.size() / std::max<std::size_t>(1, map_count));
   for (std::size_t i = 0; i < points.size(); i += map_stride) take(i);
   return out;
 }
@@ -80,6 +105,7 @@ StartSearch::StartSearch(const StartSearchConfig& config, const IcpConfig& icp, 
       followed_(std::move(followed)) {
   icp_.set_accelerated(true);
   usual_interval_ = median_interval(scans_);
+  mend_stamps(scans_, usual_interval_);
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(information.topLeftCorner<3, 3>());
   direction_ = followed_.front().rotation.conjugate() * eigen.eigenvectors().col(0);
   for (int k = -config_.steps_aside; k <= config_.steps_aside; ++k) {
@@ -91,23 +117,22 @@ StartSearch::StartSearch(const StartSearchConfig& config, const IcpConfig& icp, 
 
 bool StartSearch::worthwhile(const StartSearchConfig& config, const std::vector<ThinScan>& scans,
                              std::vector<double> eigenvalue_ratios) {
-  // Scans may be missing, and stamps be off by a part of an interval; else there is no telling what is smooth.
-  constexpr double kMostIntervals = 4.0, kJitter = 0.3;
   if (scans.size() < config.scans || 2 * eigenvalue_ratios.size() < config.scans) return false;
   const double usual = median_interval(scans);
   if (!(usual > 0.0)) return false;
+  std::size_t uneven = 0;
   for (std::size_t i = 1; i < scans.size(); ++i) {
-    const double intervals = static_cast<double>(scans[i].utime - scans[i - 1].utime) / usual;
-    const double whole = std::round(intervals);
-    if (!(whole >= 1.0 && whole <= kMostIntervals && std::abs(intervals - whole) <= kJitter)) return false;
+    if (!is_even(static_cast<double>(scans[i].utime - scans[i - 1].utime) / usual)) ++uneven;
   }
+  if (kMostUneven * uneven > scans.size()) return false;
   return median(std::move(eigenvalue_ratios)) < config.doubtful_ratio;
 }
 
 bool StartSearch::work(int steps, const Parallel& parallel) {
   for (; steps > 0 && round_ != Round::kDone; --steps) {
     const std::size_t until = round_ == Round::kScreening ? config_.screening : scans_.size();
-    while (at_ < candidates_.size() && (candidates_[at_].lost || candidates_[at_].poses.size() >= until)) ++at_;
+    while (at_ < candidates_.size() && (candidates_[at_].lost || candidates_[at_].poses.size() >= until))
+      ++at_;
     if (at_ < candidates_.size()) {
       register_next(candidates_[at_], parallel);
     } else {
@@ -119,7 +144,8 @@ bool StartSearch::work(int steps, const Parallel& parallel) {
 
 void StartSearch::register_next(Candidate& c, const Parallel& parallel) {
   constexpr double kMinSigma = 0.1;
-  constexpr int kWindow = 100, kFewest = 10;
+  constexpr int kWindow = 100;
+  constexpr std::size_t kFewest = 10;
   const ThinScan& scan = scans_[c.poses.size()];
   if (c.poses.empty()) {
     c.map.emplace(voxel_m_, kMapPoints, spacing_m_, true);
@@ -132,6 +158,10 @@ void StartSearch::register_next(Candidate& c, const Parallel& parallel) {
   const Pose last = c.poses.back();
   const double dt = interval_us(c.poses.size());
   const Pose predicted = last * se3_exp(dt * c.last_velocity);
+  if (scan.n_source < kFewest) {  // a covered sensor
+    c.poses.push_back(predicted);
+    return;
+  }
   std::vector<Eigen::Vector3f> source = source_of(scan, c.last_velocity);
   const double sigma = c.scale->sigma_m(1.0);
   IcpResult icp = icp_.align(*c.map, source, predicted, sigma, parallel);
@@ -141,7 +171,7 @@ void StartSearch::register_next(Candidate& c, const Parallel& parallel) {
     icp = icp_.align_again(*c.map, source, icp.map_from_source, sigma, parallel);
     c.last_velocity = se3_log(last.inverse() * icp.map_from_source) / dt;
   }
-  c.lost = icp.n_planar + icp.n_non_planar < kFewest;
+  c.lost = static_cast<std::size_t>(icp.n_planar + icp.n_non_planar) < kFewest;
   if (c.lost) return;
   c.agreement += icp_.agreement(*c.map, source, icp.map_from_source, parallel);
   c.scale->add((predicted.inverse() * icp.map_from_source).translation.norm(), 1.0);
@@ -149,7 +179,8 @@ void StartSearch::register_next(Candidate& c, const Parallel& parallel) {
   c.map->insert(map_points_of(scan, c.last_velocity), icp.map_from_source, icp.map_from_source.translation);
 }
 
-// RMS of the change of velocity from interval to interval [m/s], stamps as they are or even, whichever is smoother.
+// RMS of the change of velocity from interval to interval [m/s], stamps as they are or even, whichever is
+// smoother.
 double StartSearch::roughness_m_s(const std::vector<Pose>& poses) const {
   double stamped = 0.0, even = 0.0;
   Eigen::Vector3d last_stamped = Eigen::Vector3d::Zero(), last_even = Eigen::Vector3d::Zero();

@@ -1,7 +1,8 @@
-// The speed of the first scans where they hardly tell it: on a bridge or a highway they fit a standing sensor, or
-// one that follows the traffic, about as well as the true motion, and the map made with a wrong speed confirms it.
-// The first scans are registered again, thinned out, for a range of starting speeds; the true one gives a smooth
-// trajectory that the scans agree with. The work is cut into small steps, so that no scan waits for it.
+// The speed of the first scans where they hardly tell it: on a bridge or a highway they fit a standing
+// sensor, or one that follows the traffic, about as well as the true motion, and the map made with a wrong
+// speed confirms it. The first scans are registered again, thinned out, for a range of starting speeds; the
+// true one gives a smooth trajectory that the scans agree with. The work is cut into small steps, so that no
+// scan waits for it.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -16,33 +17,35 @@ namespace hp2 {
 
 /// A scan thinned out for the search.
 struct ThinScan {
-  std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m]: those to register, then ...
-  std::size_t n_source = 0;             ///< ... from here on those for the map.
-  std::vector<float> time;              ///< In the sweep, per point; empty: absent.
-  std::int64_t utime = 0;               ///< End of the sweep [us].
+  std::vector<Eigen::Vector3f>
+      points;                ///< Sensor frame at the firing instant [m]: those to register, then ...
+  std::size_t n_source = 0;  ///< ... from here on those for the map.
+  std::vector<float> time;   ///< In the sweep, per point; empty: absent.
+  std::int64_t utime = 0;    ///< End of the sweep [us].
   std::int64_t duration_us = 0;
 };
 
 /// Settings of the search.
 struct StartSearchConfig {
-  std::size_t scans = 12;         ///< That decide.
-  std::size_t screening = 5;      ///< After so many the unlikely candidates are given up.
-  std::size_t finalists = 4;      ///< Candidates that see all scans.
-  std::size_t points = 2500;      ///< To register, per scan.
-  std::size_t map_points = 20000; ///< For the map, per scan.
-  int iterations = 10;            ///< Per registration: from a wrong speed it would go on for long.
-  double spacing_m = 0.5;         ///< Per scan interval, from candidate to candidate.
-  int steps_aside = 8;            ///< Candidates to each side of standing still.
-  double doubtful_ratio = 0.075;  ///< Median smallest eigenvalue ratio below which the search begins.
-  double sigma_m = 0.6;           ///< First scale of the robust loss: ICP reaches the speeds between candidates.
-  double roughness = 0.05;        ///< Weight of the logarithm of the RMS change of velocity.
-  double noise_m_s = 0.35;        ///< Changes of velocity below this are registration's noise.
-  double clearly = 0.009;         ///< So much better than the followed trajectory the best one must be.
-  double most_rough_m_s = 2.0;    ///< A trajectory of larger changes of velocity is no sensor's.
-  double apart_m = 0.5;           ///< So far from it the best one must lie somewhere.
+  std::size_t scans = 12;          ///< That decide.
+  std::size_t screening = 5;       ///< After so many the unlikely candidates are given up.
+  std::size_t finalists = 4;       ///< Candidates that see all scans.
+  std::size_t points = 2500;       ///< To register, per scan.
+  std::size_t map_points = 20000;  ///< For the map, per scan.
+  int iterations = 10;             ///< Per registration: from a wrong speed it would go on for long.
+  double spacing_m = 0.5;          ///< Per scan interval, from candidate to candidate.
+  int steps_aside = 8;             ///< Candidates to each side of standing still.
+  double doubtful_ratio = 0.075;   ///< Median smallest eigenvalue ratio below which the search begins.
+  double sigma_m = 0.6;     ///< First scale of the robust loss: ICP reaches the speeds between candidates.
+  double roughness = 0.05;  ///< Weight of the logarithm of the RMS change of velocity.
+  double noise_m_s = 0.35;  ///< Changes of velocity below this are registration's noise.
+  double clearly = 0.009;   ///< So much better than the followed trajectory the best one must be.
+  double most_rough_m_s = 2.0;  ///< A trajectory of larger changes of velocity is no sensor's.
+  double apart_m = 0.5;         ///< So far from it the best one must lie somewhere.
 };
 
-/// Searches the starting speed. Values in, steps of work, a velocity out; the result depends on the scans alone.
+/// Searches the starting speed. Values in, steps of work, a velocity out; the result depends on the scans
+/// alone.
 class StartSearch {
  public:
   /// @param icp   settings of the registration
@@ -74,7 +77,9 @@ class StartSearch {
   };
 
   void register_next(Candidate& c, const Parallel& parallel);
-  double interval_us(std::size_t i) const { return static_cast<double>(scans_[i].utime - scans_[i - 1].utime); }
+  double interval_us(std::size_t i) const {
+    return static_cast<double>(scans_[i].utime - scans_[i - 1].utime);
+  }
   double roughness_m_s(const std::vector<Pose>& poses) const;
   double score(const Candidate& c) const;
   double distance_m(const std::vector<Pose>& a, const std::vector<Pose>& b) const;

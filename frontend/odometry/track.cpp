@@ -23,7 +23,8 @@ Track::Track(const FrontendConfig& config)
       builder_(config.submap_voxel_m) {}
 
 LocalMap Track::new_map() const {
-  return LocalMap(sizes_.voxel_m, config_.max_points_per_voxel, sizes_.spacing_m, robust_.wide_neighbourhoods);
+  return LocalMap(sizes_.voxel_m, config_.max_points_per_voxel, sizes_.spacing_m,
+                  robust_.wide_neighbourhoods);
 }
 
 FrontendOutput Track::process(const StampedCloud& scan, const TrackContext& context) {
@@ -110,8 +111,8 @@ IcpResult Track::register_scan(const StampedCloud& scan, const Expectation& expe
   return icp;
 }
 
-// The registration tells how the sensor really moved in the sweep. Where that differs from the prediction, the
-// points are moved accordingly and registered once more.
+// The registration tells how the sensor really moved in the sweep. Where that differs from the prediction,
+// the points are moved accordingly and registered once more.
 IcpResult Track::deskew_again(IcpResult icp, const StampedCloud& scan, const Expectation& expected,
                               const Parallel& parallel) {
   for (int pass = 0; pass < config_.redeskew_passes && !scan.cloud.time.empty(); ++pass) {
@@ -173,8 +174,7 @@ Track::Verdict Track::judge(const IcpResult& icp, const StampedCloud& scan, cons
 
 void Track::learn_motion(const StampedCloud& scan, const Expectation& expected, Verdict& v) {
   if (v.registered) {
-    const double error =
-        AdaptiveScale::error_m(expected.pose.inverse() * v.pose, scan.cloud.max_range_m);
+    const double error = AdaptiveScale::error_m(expected.pose.inverse() * v.pose, scan.cloud.max_range_m);
     moved_ = moved_ || error > config_.min_sigma_m;  // no error where the pose is the prediction
     if (moved_ && !v.is_second) scale_.add(error, expected.stretch);  // the second had no prediction
   }
@@ -200,7 +200,8 @@ void Track::describe(const StampedCloud& scan, const Expectation& expected, cons
   if (v.state == TrackingState::kLost) {
     o.covariance = guess_covariance(motion_.last_step());
   } else if (robust_.covariance_terms) {
-    // In the first scans a weakly observed direction may have settled on a wrong speed, which the map confirms.
+    // In the first scans a weakly observed direction may have settled on a wrong speed, which the map
+    // confirms.
     if (v.state == TrackingState::kDegenerate && motion_.is_new()) o.covariance *= config_.doubtful_speed;
     o.covariance += deskew_covariance(motion_.unevenness(scan.duration_us));
     o.covariance *= std::max(1.0, motion_.surprise());

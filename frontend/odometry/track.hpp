@@ -127,6 +127,9 @@ class Track {
   void begin_anew(const StampedCloud& scan);
   IcpResult register_second(const StampedCloud& scan, double sigma_m, const Parallel& parallel);
 
+  IcpResult settle_second(IcpResult icp, const StampedCloud& scan, double sigma_m, HybridIcp& aligner,
+                          const Parallel& parallel);
+
   LocalMap new_map() const;
   double submap_length_m() const;
 
@@ -146,7 +149,8 @@ class Track {
   PreprocessedScan first_cloud_;  // of the first scan, until the second has told how fast the sensor was then
   IcpResult registration_;
 
-  // Kept from scan to scan for their memory: the present scan's points as deskewed, those to register, and how.
+  // Kept from scan to scan for their memory: the present scan's points as deskewed, those to register, and
+  // how.
   std::vector<Eigen::Vector3f> points_, source_;
   SweepMotion sweep_;
   TurnedPoints turned_;

@@ -121,7 +121,7 @@ BENCHMARK(BM_ScanOverRange)
 
 std::vector<Eigen::Vector3f> downsampled(const Scan& scan, bool source) {
   const FrontendConfig c;
-  Preprocessor preprocessor({c.min_range_m, c.max_range_m, c.map_point_voxel_m, c.source_voxel_m});
+  Preprocessor preprocessor({c.min_range_m, c.max_range_m});
   PreprocessedScan out;
   preprocessor.run(scan, false, Parallel(1), out);
   if (!source) return out.points;
@@ -133,7 +133,7 @@ std::vector<Eigen::Vector3f> downsampled(const Scan& scan, bool source) {
 void BM_Preprocess(benchmark::State& state) {
   const FrontendConfig c;
   const Scan& scan = drive(static_cast<int>(state.range(0)), 100.0).front();
-  Preprocessor preprocessor({c.min_range_m, c.max_range_m, c.map_point_voxel_m, c.source_voxel_m});
+  Preprocessor preprocessor({c.min_range_m, c.max_range_m});
   const Parallel parallel(static_cast<int>(state.range(1)));
   PreprocessedScan out;
   for (auto _ : state) preprocessor.run(scan, false, parallel, out);
@@ -149,7 +149,7 @@ BENCHMARK(BM_Preprocess)
 /// A map of the points that so many scans along the street leave in it, and nothing dropped.
 LocalMap make_map(std::int64_t scans) {
   const FrontendConfig c;
-  LocalMap map(c.voxel_size_m, c.max_points_per_voxel, c.min_spacing_m);
+  LocalMap map(MapSizes().voxel_m, c.max_points_per_voxel, MapSizes().spacing_m);
   // Scans further apart than a drive's: the map grows by what each sees anew.
   for (std::int64_t i = 0; i < scans; ++i) {
     const int at = static_cast<int>(5 * i);

@@ -58,7 +58,7 @@ TEST(FrontendState, OfAnotherVersionIsRefused) {
 
 TEST(FrontendState, OfAnotherVoxelSizeIsRefused) {
   FrontendConfig config = test::short_submaps();
-  config.voxel_size_m *= 1.5;
+  config.voxel_size_m = 1.2;
   EXPECT_THAT(test::error_of([&] { Frontend(config).restore_state(good_state()); }),
               ::testing::HasSubstr("voxel size"));
 }

@@ -34,7 +34,7 @@ Slide slide(const Cloud& source, double off, bool accelerated, int iterations) {
   FrontendConfig config;
   IcpConfig icp = icp_config(config);
   icp.max_iterations = iterations;
-  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  LocalMap map(MapSizes().voxel_m, config.max_points_per_voxel, MapSizes().spacing_m);
   const Parallel parallel(1);
   map.insert(street(1, 6000), Pose(), Eigen::Vector3d::Zero());
   HybridIcp registration(icp);
@@ -81,7 +81,7 @@ double left_of_the_guess(double off, double times_convergence) {
   config.mode = "point_to_point";
   IcpConfig icp = icp_config(config);
   icp.convergence_m *= times_convergence;
-  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  LocalMap map(MapSizes().voxel_m, config.max_points_per_voxel, MapSizes().spacing_m);
   const Parallel parallel(1);
   map.insert(test::room(1), Pose());
   HybridIcp registration(icp);
@@ -107,7 +107,7 @@ struct Refined {
 
 Refined refined(const Cloud& map_points, const Cloud& source, const Eigen::Vector3d& off, double sigma_m) {
   FrontendConfig config;
-  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  LocalMap map(MapSizes().voxel_m, config.max_points_per_voxel, MapSizes().spacing_m);
   const Parallel parallel(1);
   map.insert(map_points, Pose());
   HybridIcp registration(icp_config(config));
@@ -142,7 +142,7 @@ TEST(HybridIcp, RefiningLeavesAWeakDirectionAsItWas) {
 
 TEST(HybridIcp, RefiningBeginsByItselfWhereNothingWasRegisteredBefore) {
   FrontendConfig config;
-  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  LocalMap map(MapSizes().voxel_m, config.max_points_per_voxel, MapSizes().spacing_m);
   const Parallel parallel(1);
   map.insert(test::room(1), Pose());
   HybridIcp registration(icp_config(config));
@@ -169,7 +169,7 @@ double refined_among_bushes(double off, double far) {
     }
   }
   FrontendConfig config;
-  LocalMap map(config.voxel_size_m, config.max_points_per_voxel, config.min_spacing_m);
+  LocalMap map(MapSizes().voxel_m, config.max_points_per_voxel, MapSizes().spacing_m);
   map.insert(right, Pose(), Eigen::Vector3d::Zero());
   map.insert(wrong, Pose(), Eigen::Vector3d(0.0, -far, 0.0));
   HybridIcp registration(icp_config(config));

@@ -186,11 +186,12 @@ TEST(LocalMapSides, BacksDoNotHoldTheSensorBack) {
   const Cloud source = moved(passed, -kAhead);
   const Pose guess(truth.rotation, truth.translation + Vector3d(0.03, 0.02, -0.02));
   const auto error_along = [](const IcpResult& r) { return r.map_from_source.translation.x() - kAhead.x(); };
-  for (const IcpMode mode : {IcpMode::kRobust, IcpMode::kPointToPlane}) {
+  for (const bool two_sides : {true, false}) {
     LocalMap map(0.8, 5, 0.3);
     map.insert(world, Pose(), Vector3d::Zero());
     IcpConfig config;
-    config.mode = mode;
+    config.two_sides = two_sides;
+    if (!two_sides) config.mode = IcpMode::kPointToPlane;
     HybridIcp icp(config);
     const IcpResult result = icp.align(map, source, guess, 0.1, Parallel(1));
     const double error = error_along(result);
@@ -198,7 +199,7 @@ TEST(LocalMapSides, BacksDoNotHoldTheSensorBack) {
     icp.turned_points(IcpResult(), turned);
     EXPECT_TRUE(turned.empty());  // not the outcome of the last call
     icp.turned_points(result, turned);
-    if (mode == IcpMode::kRobust) {
+    if (two_sides) {
       EXPECT_LT(std::abs(error), 0.005);
       EXPECT_GT(turned.size(), 1000U);
       for (const auto& [i, normal] : turned) EXPECT_LT(source[i].x(), -6.0F);

@@ -1,10 +1,9 @@
 // A start at full speed where hardly anything tells the speed.
-#include "frontend/odometry/start_search.hpp"
-
 #include <algorithm>
 
 #include <gtest/gtest.h>
 
+#include "frontend/odometry/start_revision.hpp"
 #include "tests/frontend/made_up_clouds.hpp"
 
 namespace hp2 {
@@ -14,17 +13,17 @@ using test::Cloud;
 using test::Dice;
 
 constexpr double kStep = 2.0;  // [m] a scan
-constexpr int kScans = 16;     // that the search waits for
+constexpr int kScans = 12;     // that the search waits for
 
 // 200 m of deck and railings along x with a lamp every 9 m or so; another half of its points in every scan.
 const Cloud& bridge() {
   static const Cloud cloud = [] {
     Dice dice(5);
     Cloud c;
-    test::add_patch(c, dice, 60000, {-50, -4, -2}, {200, 0, 0}, {0, 8, 0});
+    test::add_patch(c, dice, 84000, {-50, -4, -2}, {280, 0, 0}, {0, 8, 0});
     for (const double y : {-4.0, 4.0})
-      test::add_patch(c, dice, 20000, {-50, y, -2}, {200, 0, 0}, {0, 0, 1.2});
-    for (int i = 0; i < 22; ++i) {
+      test::add_patch(c, dice, 28000, {-50, y, -2}, {280, 0, 0}, {0, 0, 1.2});
+    for (int i = 0; i < 31; ++i) {
       const double x = -50.0 + 9.0 * i + dice.uniform(-3, 3), y = i % 2 == 0 ? 4.0 : -4.3;
       test::add_patch(c, dice, 600, {x, y, -2}, {0.3, 0, 0}, {0, 0, 6});
       test::add_patch(c, dice, 600, {x, y, -2}, {0, 0.3, 0}, {0, 0, 6});
@@ -54,7 +53,7 @@ Scan bridge_scan(int i) { return bridge_scan(i, kStep * i); }
 
 StampedCloud stamped(const Scan& scan, const Parallel& parallel) {
   const FrontendConfig c;
-  Preprocessor preprocessor({c.min_range_m, c.max_range_m, c.map_point_voxel_m, c.source_voxel_m});
+  Preprocessor preprocessor({c.min_range_m, c.max_range_m});
   StampedCloud out;
   preprocessor.run(scan, false, parallel, out.cloud);
   out.sequence = scan.sequence;
@@ -75,83 +74,62 @@ Scan room_scan(int i) {
   return scan;
 }
 
-TEST(StartSearch, FindsTheSpeedThatATrackHasMissed) {
-  const Parallel parallel(2);
-  Remarks remarks;
-  Track followed{FrontendConfig()};
-  followed.process(stamped(bridge_scan(0), parallel), parallel, remarks, true);
-  ASSERT_TRUE(followed.at_start());
-  StartSearch search;
-  search.begin(followed);
-  followed.start_with(Vector6d::Zero(), 0, parallel);  // as if it stood still
-  for (int i = 1; i < kScans; ++i) {
-    const StampedCloud scan = stamped(bridge_scan(i), parallel);
-    const TrackingState state = followed.process(scan, parallel, remarks, true).odometry.state;
-    EXPECT_EQ(search.add(scan, state, followed), i + 1 == kScans);
-  }
-  const double missed = kStep * (kScans - 1) - followed.last_pose().translation.x();
-  ASSERT_GT(missed, 1.0) << "nothing was missed: the test is void";
-  auto found = search.find(followed, parallel);
-  ASSERT_TRUE(found.has_value());
-  // The present stays, the past is moved.
-  EXPECT_LT((found->track.last_pose().translation - followed.last_pose().translation).norm(), 1e-9);
-  ASSERT_EQ(found->results.size(), std::size_t{kScans - 1});
-  const auto& scans = found->track.builder().open_scans();
-  ASSERT_EQ(scans.size(), std::size_t{kScans});
-  const Pose& keypose = found->track.builder().odom_from_submap();
-  EXPECT_NEAR(keypose.translation.x(), -missed, 0.3);
-  for (std::size_t i = 1; i < scans.size(); ++i) {
-    const Pose step = scans[i - 1].submap_from_sensor.inverse() * scans[i].submap_from_sensor;
-    EXPECT_LT((step.translation - Eigen::Vector3d(kStep, 0, 0)).norm(), 0.15) << "scan " << i;
-    const Pose& said = found->results[i - 1].odom_from_sensor;
-    EXPECT_LT(((keypose * scans[i].submap_from_sensor).translation - said.translation).norm(), 1e-9);
-  }
-  // And it goes on from there.
-  const OdometryResult next =
-      found->track.process(stamped(bridge_scan(kScans), parallel), parallel, remarks, false).odometry;
-  const Pose step = found->results.back().odom_from_sensor.inverse() * next.odom_from_sensor;
-  EXPECT_LT((step.translation - Eigen::Vector3d(kStep, 0, 0)).norm(), 0.1);
-}
-
-TEST(StartSearch, LeavesAWellObservedStartAlone) {
-  const Parallel parallel(1);
-  Remarks remarks;
-  Track followed{FrontendConfig()};
-  StartSearch search;
-  followed.process(stamped(room_scan(0), parallel), parallel, remarks, true);
-  search.begin(followed);
-  for (int i = 1; i < kScans; ++i) {
-    const StampedCloud scan = stamped(room_scan(i), parallel);
-    search.add(scan, followed.process(scan, parallel, remarks, true).odometry.state, followed);
-  }
-  EXPECT_FALSE(search.find(followed, parallel).has_value());
-}
-
-TEST(StartSearch, AClockThatStandsStillIsNoSpeed) {
-  const Parallel parallel(1);
-  Remarks remarks;
-  Track followed{FrontendConfig()};
-  StartSearch search;
+// A search over scans that were followed at `step` m per scan.
+StartSearch search_over(double step, const Parallel& parallel, std::int64_t interval_us = 100'000) {
+  const StartSearchConfig config;
+  std::vector<ThinScan> thin;
+  std::vector<Pose> followed;
+  Matrix6d information = Matrix6d::Identity();
+  information(0, 0) = 1e-3;  // x is what the scans hardly tell
   for (int i = 0; i < kScans; ++i) {
-    StampedCloud scan = stamped(bridge_scan(i), parallel);
-    scan.utime = 5;
-    const TrackingState state = followed.process(scan, parallel, remarks, true).odometry.state;
-    if (i == 0) {
-      search.begin(followed);
-    } else {
-      search.add(scan, state, followed);
-    }
+    const StampedCloud scan = stamped(bridge_scan(i), parallel);
+    ThinScan& t = thin.emplace_back(
+        thinned(scan.cloud.points, {}, scan.cloud.source, config.points, config.map_points));
+    t.utime = interval_us * (i + 1);
+    followed.emplace_back(Eigen::Quaterniond::Identity(), Eigen::Vector3d(step * i, 0, 0));
   }
-  EXPECT_FALSE(search.find(followed, parallel).has_value());
+  const MapSizes sizes;
+  return StartSearch(config, icp_config(FrontendConfig()), sizes.voxel_m, sizes.spacing_m, thin, followed,
+                     information);
+}
+
+TEST(StartSearch, FindsTheSpeedThatTheFollowedTrajectoryMissed) {
+  const Parallel parallel(2);
+  StartSearch search = search_over(0.0, parallel);
+  int calls = 0;
+  while (!search.work(3, parallel)) ASSERT_LT(++calls, 200);
+  EXPECT_GT(calls, 20);  // in small steps
+  ASSERT_TRUE(search.found().has_value());
+  EXPECT_NEAR(1e5 * (*search.found())[0], kStep, 0.15);
+}
+
+TEST(StartSearch, KeepsARightTrajectory) {
+  const Parallel parallel(2);
+  StartSearch search = search_over(kStep, parallel);
+  while (!search.work(100, parallel)) {
+  }
+  EXPECT_FALSE(search.found().has_value());
+}
+
+TEST(StartSearch, IsNotWorthwhileWhereScansTellTheSpeed) {
+  const StartSearchConfig config;
+  std::vector<ThinScan> scans(config.scans);
+  for (std::size_t i = 0; i < scans.size(); ++i) scans[i].utime = 100'000 * static_cast<std::int64_t>(i);
+  EXPECT_TRUE(StartSearch::worthwhile(config, scans, std::vector<double>(config.scans, 0.01)));
+  EXPECT_FALSE(StartSearch::worthwhile(config, scans, std::vector<double>(config.scans, 0.2)));
+  for (std::size_t i = 0; i < scans.size(); i += 2) scans[i].utime += 40'000;  // no telling what is smooth
+  EXPECT_FALSE(StartSearch::worthwhile(config, scans, std::vector<double>(config.scans, 0.01)));
+  for (ThinScan& s : scans) s.utime = 5;  // a clock that stands still
+  EXPECT_FALSE(StartSearch::worthwhile(config, scans, std::vector<double>(config.scans, 0.01)));
 }
 
 TEST(Track, GoesOnTheSameAfterItWasMoved) {
   const Parallel parallel(1);
   Remarks remarks;
-  for (const bool as_start : {true, false}) {
+  for (const bool hold_submap : {true, false}) {
     Track track{FrontendConfig()};
     const auto add = [&](Track& to, int i) {
-      return to.process(stamped(room_scan(i), parallel), parallel, remarks, as_start)
+      return to.process(stamped(room_scan(i), parallel), {parallel, remarks, hold_submap})
           .odometry.odom_from_sensor;
     };
     for (int i = 0; i < 8; ++i) add(track, i);
@@ -167,39 +145,19 @@ TEST(Track, GoesOnTheSameAfterItWasMoved) {
   }
 }
 
-TEST(Track, ALimitOfIterationsHoldsUntilItIsLifted) {
-  const Parallel parallel(1);
-  Remarks remarks;
-  Track free{FrontendConfig()};
-  for (int i = 0; i < 4; ++i) free.process(stamped(room_scan(i), parallel), parallel, remarks, false);
-  Track limited = free, lifted = free;
-  limited.limit_iterations(1);
-  lifted.limit_iterations(1);
-  lifted.lift_limit();
-  const StampedCloud next = stamped(room_scan(6), parallel);  // two scans are missing before it
-  const Pose pose = free.process(next, parallel, remarks, false).odometry.odom_from_sensor;
-  ASSERT_GT(free.last_registration().iterations, 1);
-  limited.process(next, parallel, remarks, true);  // as in a search: nothing is refined
-  EXPECT_EQ(limited.last_registration().iterations, 1);
-  const Pose same = lifted.process(next, parallel, remarks, false).odometry.odom_from_sensor;
-  EXPECT_EQ(same.translation, pose.translation);
-  limited.limit_iterations(1000);  // more than the configuration allows: no more than that
-  limited.process(stamped(room_scan(0), parallel), parallel, remarks, true);
-  EXPECT_LE(limited.last_registration().iterations, FrontendConfig().max_iterations);
-}
-
 // Through the front-end: what it revises is what the submap holds, and the present does not jump.
 TEST(Frontend, RevisesAStartThatItMissed) {
   Frontend frontend{FrontendConfig()}, two_threads{FrontendConfig(), 2};
+  constexpr int kEnd = 70;
   std::vector<OdometryResult> said;
   std::size_t revised = 0;
-  for (int i = 0; i < kScans + 4; ++i) {
+  for (int i = 0; i < kEnd; ++i) {
     const FrontendOutput out = frontend.process(bridge_scan(i));
     const FrontendOutput same = two_threads.process(bridge_scan(i));
     EXPECT_TRUE(test::same_bits(out.odometry.odom_from_sensor, same.odometry.odom_from_sensor));
     if (i > 0) {
       const Pose step = said.back().odom_from_sensor.inverse() * out.odometry.odom_from_sensor;
-      EXPECT_LT(step.translation.norm(), 2.0 * kStep) << "scan " << i;
+      EXPECT_LT(step.translation.norm(), 4.0 * kStep) << "scan " << i;
     }
     for (const OdometryResult& r : out.revised) said[static_cast<std::size_t>(r.sequence)] = r;
     revised += out.revised.size();
@@ -215,7 +173,7 @@ TEST(Frontend, RevisesAStartThatItMissed) {
       }
     }
   }
-  EXPECT_EQ(revised, std::size_t{kScans - 1});
+  EXPECT_GE(revised, std::size_t{kScans - 1});
   EXPECT_EQ(frontend.take_warnings().size(), 2U);  // no times in the sweep; the start
   for (std::size_t i = 1; i < said.size(); ++i) {
     const Pose step = said[i - 1].odom_from_sensor.inverse() * said[i].odom_from_sensor;
@@ -232,7 +190,7 @@ TEST_P(BrokenClock, LeavesARightStartAlone) {
   Frontend frontend{FrontendConfig()};
   Dice dice(3);
   std::vector<double> at, is;
-  for (int i = 0; i < 24; ++i) {
+  for (int i = 0; i < 70; ++i) {
     const double x = kSlower * i;
     Scan scan = bridge_scan(i, x);
     const auto jitter = static_cast<std::int64_t>(dice.uniform(-15'000, 15'000));
@@ -248,7 +206,10 @@ TEST_P(BrokenClock, LeavesARightStartAlone) {
     is.push_back(out.odometry.odom_from_sensor.translation.x());
   }
   EXPECT_NEAR(is.back() - is.front(), at.back() - at.front(), 2.0);
-  for (std::size_t i = 18; i < at.size(); ++i) EXPECT_NEAR(is[i] - is[i - 1], kSlower, 0.2) << "scan " << i;
+  // Jitter of 15 ms at 16 m/s is a quarter of a metre in what is predicted.
+  const double tolerance = GetParam() == 3 ? 0.6 : 0.2;
+  for (std::size_t i = 18; i < at.size(); ++i)
+    EXPECT_NEAR(is[i] - is[i - 1], kSlower, tolerance) << "scan " << i;
 }
 
 INSTANTIATE_TEST_SUITE_P(Clocks, BrokenClock, ::testing::Range(0, 4));
@@ -264,7 +225,7 @@ std::size_t drive_on_after_a_loss(double step) {
   const auto collect = [&](const Submap& submap) {
     for (const ScanPose& s : submap.scans) sequences.push_back(s.sequence);
   };
-  constexpr int kLoss = 25, kEnd = kLoss + kScans + 4;
+  constexpr int kLoss = 25, kEnd = kLoss + 70;
   for (int i = 0; i < kEnd; ++i) {
     Scan scan = i < kLoss ? room_scan(0) : bridge_scan(i, step * (i - kLoss));
     scan.sequence = i;

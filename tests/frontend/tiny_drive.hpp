@@ -28,11 +28,13 @@ inline const TinyDrive& tiny_drive() {
   return drive;
 }
 
-/// Defaults with submaps short enough for several of them in the drive.
+/// Defaults with submaps short enough for several of them in the drive, which no search of the start keeps
+/// open.
 inline FrontendConfig short_submaps(const std::string& mode = FrontendConfig().mode) {
   FrontendConfig c;
   c.mode = mode;
   c.submap_length_m = 6.0;
+  c.robust.start_search = false;
   return c;
 }
 
