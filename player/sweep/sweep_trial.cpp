@@ -122,7 +122,7 @@ TrialScan make_trial_scan(const Scan& scan, double scale) {
 TrialResult try_reading(const std::vector<TrialScan>& scans, const SweepReading& reading, double gain,
                         double sweep_s, double scale, const TrialResult* before) {
   IcpConfig icp_config;
-  icp_config.mode = IcpMode::kRobust;
+  icp_config.weak_directions = icp_config.two_sides = icp_config.scan_lines = true;
   icp_config.max_iterations = 20;
   HybridIcp icp(icp_config);
   const Parallel parallel(1);
