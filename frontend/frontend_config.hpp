@@ -26,16 +26,15 @@ struct RobustConfig {
 
 /// Settings of the registration from other guesses.
 struct GuessConfig {
-  double turn_rad = 0.1;        ///< From guess to guess about each axis; ICP reaches the angles between.
-  int rings = 3;                ///< Turns to each side.
-  int iterations = 12;          ///< Of a guess, at most.
-  std::size_t points = 1500;    ///< Registered for a guess, at most.
-  double bad_fit = 0.93;        ///< Share of the usual fit below which farther turns are tried.
-  double better_fit = 1.02;     ///< So much better than the fit from the prediction another one must be.
-  double better_second = 1.01;  ///< The same at the second scan.
-  double doubt_weight = 0.2;    ///< Of log(1 + surprise) against the fit, which is 0..1.
-  double lost_inliers = 0.7;    ///< Below this share of matched points after a gap the scan is elsewhere.
-  double known_speed_sigma_m = 0.6;  ///< sigma of first scans whose speed is known to half a metre per scan.
+  double turn_rad = 0.1;      ///< From guess to guess about each axis; ICP reaches the angles between.
+  int rings = 3;              ///< Turns to each side.
+  int iterations = 20;        ///< Of a guess, at most.
+  std::size_t points = 1500;  ///< Registered for a guess, at most.
+  double bad_fit = 0.93;      ///< Share of the usual fit below which farther turns are tried.
+  double better_fit = 1.02;   ///< So much better than the fit from the prediction another one must be.
+  double doubt_weight = 0.2;  ///< Of log(1 + surprise) against the fit, which is 0..1.
+  double lost_inliers = 0.7;  ///< Below this share of matched points after a gap the scan is elsewhere.
+  double known_speed_sigma_m = 0.6;  ///< sigma of first scans whose speed is roughly known.
 };
 
 /// Settings of the front-end. Names follow the paper; the defaults serve every sensor (README,

@@ -97,33 +97,15 @@ void Track::start_with(const Vector6d& velocity, std::int64_t duration_us, const
 }
 
 // The sensor may be at full speed in its first scan, which could not be deskewed, and the second has no
-// prediction. Point-to-point reaches farther than planes do, so it is tried as well; what fits clearly better
-// stays.
-IcpResult Track::register_second(const StampedCloud& scan, double sigma_m, const Parallel& parallel) {
-  const Pose first = motion_.last_pose();
-  IcpResult icp = icp_.align(map_, source_, first, sigma_m, parallel);
-  if (!robust_.motion_filter) return icp;
-  icp = settle_second(icp, scan, sigma_m, icp_, parallel);
-  if (!robust_.guesses) return icp;
-  IcpConfig points = icp_.config();
-  points.mode = IcpMode::kPointToPoint;
-  HybridIcp point_icp(points);
-  IcpResult other = point_icp.align(map_, source_, first, sigma_m, parallel);
-  other = settle_second(other, scan, sigma_m, point_icp, parallel);
-  other = icp_.align(map_, source_, other.map_from_source, sigma_m, parallel);
-  if (other.fit > config_.guesses.better_second * icp.fit) return other;
-  return settle_second(icp, scan, sigma_m, icp_, parallel);
-}
-
-// Once the second scan is registered the speed is known: both scans are deskewed by it, the map is made
+// prediction. Once the second is registered, the speed is known: both are deskewed by it, the map is made
 // again, and so on.
-IcpResult Track::settle_second(IcpResult icp, const StampedCloud& scan, double sigma_m, HybridIcp& aligner,
-                               const Parallel& parallel) {
+IcpResult Track::register_second(const StampedCloud& scan, double sigma_m, const Parallel& parallel) {
   constexpr int kRounds = 3;
   const Pose first = motion_.last_pose();
   const double per_sweep = motion_.sweep_share(scan.duration_us, scan.utime);
+  IcpResult icp = icp_.align(map_, source_, first, sigma_m, parallel);
   std::vector<Eigen::Vector3f> first_points;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; robust_.motion_filter && round < kRounds; ++round) {
     if (!first_cloud_.time.empty()) {
       const Vector6d twist = per_sweep * se3_log(first.inverse() * icp.map_from_source);
       deskew_points(first_cloud_, twist, parallel, first_points);
@@ -131,7 +113,7 @@ IcpResult Track::settle_second(IcpResult icp, const StampedCloud& scan, double s
       map_.insert(first_points, first, first.translation);
       deskew(scan, twist, parallel);
     }
-    icp = aligner.align(map_, source_, icp.map_from_source, sigma_m, parallel);
+    icp = icp_.align(map_, source_, icp.map_from_source, sigma_m, parallel);
     if (first_cloud_.time.empty()) break;
   }
   return icp;

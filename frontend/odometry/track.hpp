@@ -127,9 +127,6 @@ class Track {
   void begin_anew(const StampedCloud& scan);
   IcpResult register_second(const StampedCloud& scan, double sigma_m, const Parallel& parallel);
 
-  IcpResult settle_second(IcpResult icp, const StampedCloud& scan, double sigma_m, HybridIcp& aligner,
-                          const Parallel& parallel);
-
   LocalMap new_map() const;
   double submap_length_m() const;
 

@@ -59,7 +59,9 @@ TEST(FilePieces, OfAScanAndItsTimesFitTogether) {
   std::string times;
   for (std::size_t i = 0; i < kPoints; ++i) test::put(times, static_cast<float>(i) / kPoints * 1.5F);
   folder.write("ptimes/000000.bin", times);
-  const auto read = [&] { return open_source(folder.path(), {})->read(0); };
+  SourceOptions options;
+  options.bin_layout = "xyzi";  // points at random look like no scan
+  const auto read = [&] { return open_source(folder.path(), options)->read(0); };
   Scan scan = read();
   EXPECT_EQ(scan.x, points.x);
   EXPECT_EQ(scan.y, points.y);

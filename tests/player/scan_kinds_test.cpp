@@ -214,9 +214,11 @@ TEST(ScanKinds, LasWithoutCompression) {
   EXPECT_EQ(file.scan.z, (std::vector<float>{3.0F, 3.001F}));
   EXPECT_EQ(file.raw_time, (std::vector<double>{5.0, 6.0}));
   const TemporaryFolder folder;
-  set(155, 5000.0);  // a scanner that sees far is no scanner of millimetres
+  set(155, 5000.0);  // a scanner that sees far
   folder.write("a.las", bytes);
-  EXPECT_FLOAT_EQ(open_source(folder.path() + "/a.las")->read(0).x[0], 5001.0F);
+  SourceOptions metres;
+  metres.points_unit = "m";
+  EXPECT_FLOAT_EQ(open_source(folder.path() + "/a.las", metres)->read(0).x[0], 5001.0F);
   EXPECT_NE(error_of([&] { parse_las(bytes.substr(0, 270), "a.las", file); }).find("truncated"),
             std::string::npos);
   bytes[104] = static_cast<char>(0x81);

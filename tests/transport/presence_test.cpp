@@ -97,7 +97,7 @@ TEST(Presence, WhatOthersSayOfThemselvesHarmsNeitherTerminalNorSummary) {
   sender.publish(kStatusChannel, status);
   network.step(kStepUs);
   ASSERT_EQ(listener.presence.peers().count(9), 1U);
-  EXPECT_EQ(listener.presence.peers().at(9).status.process, "\xff?[2J");
+  EXPECT_EQ(listener.presence.peers().at(9).status.process, "??[2J");
   const auto text = as_text(peers_as_json(listener.presence)) + as_text(warnings_as_json(listener.presence));
   EXPECT_EQ(text.find('\xff'), std::string::npos);
   EXPECT_TRUE(nlohmann::json::accept(as_text(peers_as_json(listener.presence))));
