@@ -14,8 +14,8 @@
 namespace hp2 {
 namespace {
 
-const std::vector<std::string> kFormats = {"kitti",   "kitti-raw", "mulran", "helipr", "apollo",
-                                           "generic", "lcm-log",   "rosbag", "pcap"};
+const std::vector<std::string> kFormats = {"kitti",   "kitti-raw", "mulran", "helipr",  "apollo",
+                                           "generic", "lcm-log",   "rosbag", "rosbag2", "pcap"};
 
 Drive open_drive(const std::string& spec, const std::string& format, const SourceOptions& options) {
   if (format == "kitti-raw") return open_kitti_raw(spec, options);
@@ -23,8 +23,8 @@ Drive open_drive(const std::string& spec, const std::string& format, const Sourc
   if (format == "helipr") return open_helipr(spec, options);
   if (format == "apollo") return open_apollo(spec);
   if (format == "lcm-log") return open_lcm_log(spec, options);
-  if (format == "rosbag") return open_rosbag(spec, options);
   if (format == "pcap") return open_packet_capture(spec, options);
+  if (format == "rosbag" || format == "rosbag2") return open_bag(spec, format, options);
   return open_folder_drive(spec, format == "kitti", options);
 }
 
@@ -45,7 +45,8 @@ std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOpt
   if (format.empty()) format = recognise_format(spec);
   if (format.empty())
     throw Error("this holds no scan in a layout that is known", spec,
-                "Give the folder that holds the scans or velodyne/, an LCM log or a ROS bag, or say the "
+                "Give the folder that holds the scans or velodyne/, an LCM log, a ROS bag (.bag, .db3, "
+                ".mcap) or its folder, or say the "
                 "format with --dataset.");
   if (std::find(kFormats.begin(), kFormats.end(), format) == kFormats.end()) {
     std::string known;

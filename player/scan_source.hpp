@@ -22,7 +22,7 @@ struct StampedPose {
 struct SourceInfo {
   std::string name;    ///< e.g. "kitti_0926_0001" or "synthetic:loop:1".
   std::string format;  ///< "kitti", "kitti-raw", "mulran", "helipr", "apollo", "generic", "synthetic",
-                       ///< "lcm-log", "rosbag", "pcap".
+                       ///< "lcm-log", "rosbag", "rosbag2", "pcap".
   std::string sensor;  ///< e.g. "hdl64"; "" if not known.
   std::string path;    ///< Folder or file; "" for a synthetic drive.
 };
@@ -76,7 +76,9 @@ struct SourceOptions {
   std::string
       topic;  ///< Topic of a bag, channel of a log, sender's address in a capture; empty: the only one.
   std::string bin_layout;  ///< Layout of .bin records, e.g. "xyzi"; empty: recognise it.
-  std::string metadata;    ///< Ouster's metadata JSON for a capture; empty: the one beside it.
+  std::string
+      metadata;  ///< Ouster's metadata JSON for packets; empty: the recording's own, or the one beside it.
+  std::string ground_truth_topic;  ///< Topic of a bag that holds poses; empty: none.
 };
 
 /// Opens a drive named as on every command line: a folder (or file), or `synthetic:SCENE[:SEED]`.

@@ -24,6 +24,7 @@ usage: scripts/run_slam.sh DATA --out DIR [options]
   --bin-layout NAME records of .bin scans, if they are not to be recognised; see hp2_player --help
   --times-unit U, --points-unit U   units of scans' times (s, ms, us, ns) and points (m, cm, mm), if not to be found
   --skip-damaged    go on where a scan cannot be read: it is left out, counted and reported
+  --ground-truth-topic NAME  topic of a bag with poses to compare with (Odometry, PoseStamped, NavSatFix)
   --config FILE     settings (YAML); see hp2_frontend --print-config
   --rate R|max      times real time; max (default): as fast as the front-end registers, no scan skipped
   --first N, --count N, --stride N   which scans
@@ -67,7 +68,7 @@ while [ $# -gt 0 ]; do
     --skip-damaged) damaged=(--skip-damaged) && shift && continue ;;
     --*)
       case $1 in
-        --out | --config | --rate | --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride | --threads | --mode | \
+        --out | --config | --rate | --dataset | --topic | --ground-truth-topic | --metadata | --bin-layout | --first | --count | --stride | --threads | --mode | \
           --live-every | --lcm-url | --build | --times-unit | --points-unit) ;;
         *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
       esac
@@ -76,7 +77,7 @@ while [ $# -gt 0 ]; do
         --out) out=$2 ;;
         --config) config=$2 ;;
         --rate) rate=$2 ;;
-        --dataset | --topic | --metadata | --bin-layout | --first | --count | --stride | --times-unit | --points-unit) selection+=("$1" "$2") ;;
+        --dataset | --topic | --ground-truth-topic | --metadata | --bin-layout | --first | --count | --stride | --times-unit | --points-unit) selection+=("$1" "$2") ;;
         --threads) threads=$2 ;;
         --mode) mode=$2 ;;
         --live-every) live_every=$2 ;;

@@ -78,6 +78,9 @@ int main(int argc, char** argv) {
   app.add_option("--metadata", source_options.metadata,
                  "Ouster's metadata JSON of a packet capture, if it does not lie beside it")
       ->type_name("FILE");
+  app.add_option("--ground-truth-topic", source_options.ground_truth_topic,
+                 "Topic of a bag with the poses to compare with (Odometry, PoseStamped, NavSatFix)")
+      ->type_name("NAME");
   app.add_option(
          "--sweep", source_options.sweep,
          "How the points lie in the sweep: auto (as the scans agree best), given (as the file says), "

@@ -51,7 +51,8 @@ Drive open_mulran(const std::string& folder);
 Drive open_helipr(const std::string& folder, const SourceOptions& options);
 Drive open_apollo(const std::string& folder);
 Drive open_lcm_log(const std::string& file, const SourceOptions& options);
-Drive open_rosbag(const std::string& file, const SourceOptions& options);
 Drive open_packet_capture(const std::string& file, const SourceOptions& options);
+/// A bag of ROS 1 ("rosbag") or ROS 2 ("rosbag2"), or a folder of its parts; see bags/.
+Drive open_bag(const std::string& path, const std::string& format, const SourceOptions& options);
 
 }  // namespace hp2

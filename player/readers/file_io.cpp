@@ -107,12 +107,12 @@ std::string_view FilePieces::next() {
   return {piece.data(), got};
 }
 
-PartFile::PartFile(const std::string& path) : path_(path) {
+PartFile::PartFile(const std::string& path, std::string name) : path_(std::move(name)) {
   fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   struct stat status {};
   if (fd_ < 0 || ::fstat(fd_, &status) != 0 || !S_ISREG(status.st_mode)) {
     if (fd_ >= 0) ::close(fd_);
-    throw Error("cannot open the file", path, "Check that it is a file that exists and may be read.");
+    throw Error("cannot open the file", path_, "Check that it is a file that exists and may be read.");
   }
   size_ = static_cast<std::uint64_t>(status.st_size);
 }
@@ -120,11 +120,17 @@ PartFile::PartFile(const std::string& path) : path_(path) {
 PartFile::~PartFile() { ::close(fd_); }
 
 std::string PartFile::read(std::uint64_t offset, std::size_t n) const {
-  if (offset >= size_) return {};
+  std::string bytes;
+  read(offset, n, bytes);
+  return bytes;
+}
+
+void PartFile::read(std::uint64_t offset, std::size_t n, std::string& bytes) const {
+  if (offset >= size_) return bytes.clear();
   n = static_cast<std::size_t>(std::min<std::uint64_t>(n, size_ - offset));
   if (n > kMaxFileBytes)
     throw Error("a message of " + std::to_string(n) + " bytes is too large", path_, "The file is damaged.");
-  std::string bytes(n, '\0');
+  bytes.resize(n);
   std::size_t done = 0;
   while (done < n) {
     const ssize_t got = ::pread(fd_, bytes.data() + done, n - done, static_cast<off_t>(offset + done));
@@ -136,7 +142,6 @@ std::string PartFile::read(std::uint64_t offset, std::size_t n) const {
     done += static_cast<std::size_t>(got);
   }
   bytes.resize(done);
-  return bytes;
 }
 
 std::string expand_gzip(std::string_view bytes, const std::string& path) {

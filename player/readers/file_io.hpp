@@ -54,17 +54,22 @@ class FilePieces {
 class PartFile {
  public:
   /// @throws Error if `path` is no regular file or cannot be read
-  explicit PartFile(const std::string& path);
+  explicit PartFile(const std::string& path) : PartFile(path, path) {}
+  /// @param name to call the file by, where that is not `path`
+  PartFile(const std::string& path, std::string name);
   PartFile(const PartFile&) = delete;
   PartFile& operator=(const PartFile&) = delete;
   ~PartFile();
 
   const std::string& path() const { return path_; }
+  int descriptor() const { return fd_; }
   /// Size when it was opened [bytes].
   std::uint64_t size() const { return size_; }
   /// Bytes [offset, offset + n); fewer at the file's end.
   /// @throws Error if more than kMaxFileBytes are asked for or the disk fails
   std::string read(std::uint64_t offset, std::size_t n) const;
+  /// The same into a buffer that keeps its memory.
+  void read(std::uint64_t offset, std::size_t n, std::string& out) const;
 
  private:
   std::string path_;

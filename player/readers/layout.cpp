@@ -3,6 +3,7 @@
 #include <charconv>
 
 #include "common/error.hpp"
+#include "player/readers/bags/recording.hpp"
 #include "player/readers/file_io.hpp"
 #include "player/readers/ground_truth.hpp"
 #include "player/readers/point_folder.hpp"
@@ -85,7 +86,6 @@ std::vector<std::string> list_bin_scans(const std::string& folder) {
 std::string recognise_format(const std::string& path) {
   if (is_file(path)) {
     const std::string head = PartFile(path).read(0, 16);
-    if (head.rfind("#ROSBAG V", 0) == 0) return "rosbag";
     if (head.rfind("\xed\xa1\xda\x01", 0) == 0) return "lcm-log";
     for (const char* magic :
          {"\xd4\xc3\xb2\xa1", "\xa1\xb2\xc3\xd4", "\x4d\x3c\xb2\xa1", "\xa1\xb2\x3c\x4d", "\x0a\x0d\x0d\x0a"})
@@ -93,7 +93,7 @@ std::string recognise_format(const std::string& path) {
     for (const char* ending : {".pcap", ".pcapng"})
       if (path.size() > 7 && path.find(ending, path.size() - 7) != std::string::npos) return "pcap";
     if (is_scan_file(base_name(path))) return "generic";  // one scan
-    return "";
+    return recognise_bag(path);
   }
   const std::string name = base_name(path);
   if (is_folder(path + "/velodyne_points/data") || (name == "velodyne_points" && is_folder(path + "/data")))
@@ -106,7 +106,7 @@ std::string recognise_format(const std::string& path) {
   std::vector<std::string> warnings;
   for (const std::string& folder : {path + "/velodyne", path, path + "/lidar"})
     if (!list_scan_files(folder, warnings).empty()) return "generic";
-  return "";
+  return recognise_bag(path);
 }
 
 }  // namespace hp2

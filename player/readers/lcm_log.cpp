@@ -47,17 +47,19 @@ struct Piece {
   std::uint64_t at = 0;
   std::uint32_t size = 0;
   std::int32_t offset = 0;  ///< In the message.
+  std::int32_t index = 0;   ///< Of so many pieces.
 };
 
 /// A scan's message as it lies in the log.
 struct Message {
   std::string channel;
-  std::vector<Piece> pieces;  ///< In order.
+  std::vector<Piece> pieces;  ///< As they came; in order, each once, when the log was read.
   std::int32_t count = 1;
   std::int32_t total = 0;
   std::int32_t crc = 0;
   bool has_crc = false;
-  std::size_t have = 0;
+
+  bool complete() const { return pieces.size() == static_cast<std::size_t>(count); }
 };
 
 struct Index {
@@ -91,11 +93,17 @@ void add_piece(Index& index, const std::string& channel, const char* head, std::
     index.messages.push_back(message);
   }
   if (message->count != count || message->total != total || message->crc != crc) return;
-  const auto at = static_cast<std::size_t>(piece);
-  if (message->pieces.size() <= at) message->pieces.resize(at + 1);
-  if (message->pieces[at].at != 0) return;
-  message->pieces[at] = {data_at + kChunkHeader, static_cast<std::uint32_t>(size), offset};
-  ++message->have;
+  message->pieces.push_back({data_at + kChunkHeader, static_cast<std::uint32_t>(size), offset, piece});
+}
+
+/// Puts a message's pieces in order; of those that came twice the first counts.
+void sort_pieces(Message& message) {
+  auto& pieces = message.pieces;
+  const auto before = [](const Piece& a, const Piece& b) { return a.index < b.index; };
+  if (!std::is_sorted(pieces.begin(), pieces.end(), before))
+    std::stable_sort(pieces.begin(), pieces.end(), before);
+  const auto same = [](const Piece& a, const Piece& b) { return a.index == b.index; };
+  pieces.erase(std::unique(pieces.begin(), pieces.end(), same), pieces.end());
 }
 
 Index build_index(const PartFile& log) {
@@ -116,15 +124,15 @@ Index build_index(const PartFile& log) {
     if (hash == scan_hash) {
       auto message = std::make_shared<Message>();
       message->channel = channel;
-      message->pieces = {{data_at, data_size, 0}};
+      message->pieces = {{data_at, data_size, 0, 0}};
       message->total = static_cast<std::int32_t>(std::min<std::uint32_t>(data_size, INT32_MAX));
-      message->have = 1;
       index.messages.push_back(std::move(message));
     } else if (hash == chunk_hash && data_size >= kChunkHeader) {
       add_piece(index, channel, data, data_at, data_size);
     }
     at = data_at + data_size;
   }
+  for (const auto& message : index.messages) sort_pieces(*message);
   if (at < log.size())
     index.warning =
         log.path() + " is damaged or ends early at byte " + std::to_string(at) + ": what follows is left out";
@@ -154,7 +162,7 @@ void choose_channel(Index& index, const std::string& wanted, const PartFile& log
   // scans.
   std::set<std::string> scan_channels;
   for (const auto& m : messages) {
-    if (m->pieces.empty() || m->pieces[0].at == 0 || scan_channels.count(m->channel)) continue;
+    if (m->pieces[0].index != 0 || scan_channels.count(m->channel)) continue;
     const std::string hash = log.read(m->pieces[0].at, 8);
     if (hash.size() == 8 && big_endian<std::int64_t>(hash.data()) == scan_t::getHash())
       scan_channels.insert(m->channel);
@@ -171,9 +179,8 @@ void choose_channel(Index& index, const std::string& wanted, const PartFile& log
   std::size_t incomplete = 0;
   const auto unusable = [&](const std::shared_ptr<Message>& m) {
     if (m->channel != channel) return true;
-    const bool complete = m->have == static_cast<std::size_t>(m->count);
-    incomplete += !complete;
-    return !complete;
+    incomplete += !m->complete();
+    return !m->complete();
   };
   messages.erase(std::remove_if(messages.begin(), messages.end(), unusable), messages.end());
   if (incomplete > 0)

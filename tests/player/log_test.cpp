@@ -1,6 +1,8 @@
 // LCM logs and ROS bags that the test writes byte by byte, whole and damaged.
+#include <bzlib.h>
 #include <cmath>
 #include <hp2/chunk_t.hpp>
+#include <lz4frame.h>
 #include <random>
 
 #include <gmock/gmock.h>
@@ -11,11 +13,6 @@
 #include "player/scan_source.hpp"
 #include "tests/player/test_files.hpp"
 
-#ifdef HP2_WITH_ROSBAG
-#include <bzlib.h>
-#include <lz4frame.h>
-#endif
-
 namespace hp2 {
 namespace {
 
@@ -23,6 +20,7 @@ using test::error_of;
 using test::make_points;
 using test::put;
 using test::TemporaryFolder;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 template <typename T>
@@ -200,7 +198,6 @@ std::string cloud(const Scan& s, std::int64_t stamp, std::uint32_t claimed_width
 }
 
 std::string pack(const std::string& data, const std::string& compression) {
-#ifdef HP2_WITH_ROSBAG
   if (compression == "bz2") {
     std::string out(data.size() * 2 + 1000, '\0');
     auto n = static_cast<unsigned>(out.size());
@@ -214,8 +211,6 @@ std::string pack(const std::string& data, const std::string& compression) {
     out.resize(LZ4F_compressFrame(out.data(), out.size(), data.data(), data.size(), nullptr));
     return out;
   }
-#endif
-  (void)compression;
   return data;
 }
 
@@ -245,6 +240,8 @@ std::string bag(const std::vector<std::pair<std::string, std::int64_t>>& clouds,
                 ros_time(time) + raw(static_cast<std::uint32_t>(imu.size())));
     if (!second_topic.empty()) id = 1 - id;
   }
+  const std::size_t header_at = b.find("index_pos=") + 10;
+  b.replace(header_at, 8, raw<std::uint64_t>(b.size()));
   b += connection(0, "/points", "sensor_msgs/PointCloud2") + connection(3, "/imu", "sensor_msgs/Imu");
   if (!second_topic.empty()) b += connection(1, second_topic, "sensor_msgs/PointCloud2");
   return b;
@@ -279,7 +276,8 @@ TEST(Rosbag, PointsAndTimes) {
 TEST(Rosbag, Topics) {
   const TemporaryFolder folder;
   folder.write("drive.bag", bag(three_clouds(), "none", "/rear"));
-  EXPECT_THAT(error_of([&] { open_source(folder / "drive.bag"); }), HasSubstr("/points, /rear"));
+  EXPECT_THAT(error_of([&] { open_source(folder / "drive.bag"); }),
+              AllOf(HasSubstr("/points (sensor_msgs/PointCloud2, 2 messages"), HasSubstr("; /rear (")));
   SourceOptions options;
   options.topic = "/rear";
   const auto source = open_source(folder / "drive.bag", options);
@@ -287,25 +285,21 @@ TEST(Rosbag, Topics) {
   test::expect_same_points(source->read(0), make_points(20, 1));
   options.topic = "/imu";
   EXPECT_THAT(error_of([&] { open_source(folder / "drive.bag", options); }),
-              HasSubstr("no PointCloud2 on this topic: /imu"));
+              HasSubstr("the topic /imu holds no LiDAR scans"));
 }
 
 TEST(Rosbag, CompressedChunks) {
   for (const std::string compression : {"bz2", "lz4"}) {
     const TemporaryFolder folder;
     folder.write("drive.bag", bag(three_clouds(), compression));
-#ifdef HP2_WITH_ROSBAG
     const auto source = open_source(folder / "drive.bag");
     ASSERT_EQ(source->size(), 3U);
     test::expect_same_points(source->read(2), make_points(20, 2));
-    EXPECT_EQ(source->read(2).utime, kEpoch + 320'000);
+    EXPECT_EQ(source->read(2).utime, kEpoch + 200'000);
     std::string bad = bag(three_clouds(), compression);
     for (std::size_t i = 300; i < 360; ++i) bad[i] = '\x55';
     folder.write("bad.bag", bad);
     error_of([&] { open_source(folder / "bad.bag")->read(0); });
-#else
-    EXPECT_THAT(error_of([&] { open_source(folder / "drive.bag")->read(0); }), HasSubstr("HP2_WITH_ROSBAG"));
-#endif
   }
 }
 
@@ -321,11 +315,11 @@ TEST(Rosbag, Damage) {
   clouds = three_clouds();
   clouds[2].first.resize(200);
   folder.write("short.bag", bag(clouds));
-  EXPECT_THAT(error_of([&] { open_source(folder / "short.bag")->read(2); }), HasSubstr("truncated"));
+  EXPECT_THAT(error_of([&] { open_source(folder / "short.bag")->read(2); }), HasSubstr("promises"));
 
   const std::string good = bag(three_clouds());
   folder.write("cut.bag", good.substr(0, good.size() / 2));
-  EXPECT_THAT(error_of([&] { open_source(folder / "cut.bag"); }), HasSubstr("not closed"));
+  EXPECT_THAT(error_of([&] { open_source(folder / "cut.bag"); }), HasSubstr("has no message at all"));
   folder.write("empty.bag", "#ROSBAG V2.0\n");
   EXPECT_NE(error_of([&] { open_source(folder / "empty.bag"); }), "");
   std::mt19937 random(2);
