@@ -103,10 +103,14 @@ std::string recognise_format(const std::string& path) {
     return "mulran";
   if (is_folder(path + "/pcds") || (name == "pcds" && is_folder(path + "/../poses"))) return "apollo";
   if (is_folder(path + "/velodyne") && kitti_camera_from_lidar(path + "/calib.txt")) return "kitti";
+  const std::string bag = recognise_bag(path);
   std::vector<std::string> warnings;
-  for (const std::string& folder : {path + "/velodyne", path, path + "/lidar"})
-    if (!list_scan_files(folder, warnings).empty()) return "generic";
-  return recognise_bag(path);
+  for (const std::string& folder : {path + "/velodyne", path, path + "/lidar"}) {
+    const std::vector<std::string> scans = list_scan_files(folder, warnings);
+    // Text beside a bag is its trajectory or notes.
+    if (!scans.empty() && (bag.empty() || !is_text_scan(scans.front()))) return "generic";
+  }
+  return bag;
 }
 
 }  // namespace hp2

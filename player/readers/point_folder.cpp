@@ -41,6 +41,7 @@ bool is_text(const std::string& kind) {
 }  // namespace
 
 bool is_scan_file(const std::string& name) { return !kind_of(name).empty(); }
+bool is_text_scan(const std::string& name) { return is_text(kind_of(name)); }
 
 std::vector<std::string> list_scan_files(const std::string& folder, std::vector<std::string>& warnings) {
   std::vector<std::string> best;

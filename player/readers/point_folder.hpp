@@ -14,6 +14,8 @@ std::vector<std::string> list_scan_files(const std::string& folder, std::vector<
 
 /// Whether a file is a scan by its name.
 bool is_scan_file(const std::string& name);
+/// Whether it is one in text.
+bool is_text_scan(const std::string& name);
 
 /// How the scans of one drive are read.
 struct PointReading {

@@ -1,5 +1,5 @@
-// Bytes of a file through the readers of LCM logs and ROS bags, index and scans: read, or refused with an
-// Error; nothing else. The readers take files: the bytes lie in one that exists in memory only.
+// Bytes of a file through the reader of LCM logs, index and scans: read, or refused with an
+// Error; nothing else. The reader takes files: the bytes lie in one that exists in memory only.
 #include <cstdint>
 #include <cstdlib>
 #include <string>
@@ -37,6 +37,5 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const std::string path = "/proc/self/fd/" + std::to_string(file);
   if (::ftruncate(file, 0) != 0 || ::pwrite(file, data, size, 0) != static_cast<ssize_t>(size)) std::abort();
   read_all(hp2::open_lcm_log, path);
-  read_all(hp2::open_rosbag, path);
   return 0;
 }
