@@ -61,6 +61,7 @@ TEST(FilePieces, OfAScanAndItsTimesFitTogether) {
   folder.write("ptimes/000000.bin", times);
   SourceOptions options;
   options.bin_layout = "xyzi";  // points at random look like no scan
+  options.points_unit = "m";
   const auto read = [&] { return open_source(folder.path(), options)->read(0); };
   Scan scan = read();
   EXPECT_EQ(scan.x, points.x);
