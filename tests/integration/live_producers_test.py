@@ -5,7 +5,7 @@ from harness import *
 
 
 def inject(run, *arguments):
-    injector = run.start("injector", "--url", run.url, "--rate", 20, "--points", 3000, "--quiet", *arguments,
+    injector = run.start("injector", "--url", run.url, "--rate", 10, "--points", 3000, "--quiet", *arguments,
                          program="hp2_injector")
     injector.wait(60 * SLOWER)
 
