@@ -42,7 +42,9 @@ def stop_before_the_first_scan():
         run.player(DATA, "--start-paused")
         run.wait_for_log("player", "paused", 20)
         control(run, "stop")
+        viewer = run.processes.pop("viewer_headless")
         run.wait(30)
+        expect(viewer.wait(30) == 1, "a session without a pose is no success")
 
 
 def two_at_once():
