@@ -33,6 +33,7 @@ usage: scripts/run_slam.sh DATA --out DIR [options]
   --restart         start a process that dies again (5 times at most), and say so
   --live-every S    write the results every S seconds while the drive runs
   --lcm-url URL     LCM network to use (default: a port of this run's own, nothing leaves this machine)
+  --give-up-after S end when nothing has happened for S seconds (default 120; 0: never)
   --build DIR       build folder (default: build)
   -h, --help        this text
 
@@ -58,7 +59,7 @@ die() {
   exit "${2:-1}"
 }
 
-data="" out="" config="" restart=0 overwrite=0 url="" live_every=0 threads=2 mode="" rate=max
+data="" out="" config="" restart=0 overwrite=0 url="" live_every=0 threads=2 mode="" rate=max give_up_after=120 id=""
 selection=() damaged=()
 while [ $# -gt 0 ]; do
   case $1 in
@@ -68,8 +69,8 @@ while [ $# -gt 0 ]; do
     --skip-damaged) damaged=(--skip-damaged) && shift && continue ;;
     --*)
       case $1 in
-        --out | --config | --rate | --dataset | --topic | --ground-truth-topic | --metadata | --bin-layout | --first | --count | --stride | --threads | --mode | \
-          --live-every | --lcm-url | --build | --times-unit | --points-unit) ;;
+        --out | --config | --rate | --dataset | --topic | --ground-truth-topic | --metadata | --bin-layout | --first | --count | \
+          --stride | --threads | --mode | --live-every | --lcm-url | --give-up-after | --build | --times-unit | --points-unit) ;;
         *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
       esac
       [ $# -ge 2 ] || die "$1 needs a value. See scripts/run_slam.sh --help." 2
@@ -82,6 +83,7 @@ while [ $# -gt 0 ]; do
         --mode) mode=$2 ;;
         --live-every) live_every=$2 ;;
         --lcm-url) url=$2 ;;
+        --give-up-after) give_up_after=$2 ;;
         --build) build=$2 ;;
       esac
       shift 2
@@ -138,7 +140,8 @@ Nothing was changed. Either
 TEXT
     exit 1
   fi
-  case $found in going*) echo "$found" ;; esac
+  case $found in going*) sed '/^session id /d' <<<"$found" ;; esac
+  id=$(sed -n 's/^session id //p' <<<"$found")
 else
   # Nothing is thrown away for a drive that cannot be played.
   "$bin/hp2_player" "$data" ${selection[@]+"${selection[@]}"} --info >/dev/null || exit 1
@@ -180,7 +183,9 @@ reach=()
 [ -z "${HP2_IN_NAMESPACE:-}" ] || reach=(nsenter --preserve-credentials -U -n -t "$$")
 echo "LCM: $url (also in $(quoted "$out/lcm_url")), e.g. $(quoted ${reach[@]+"${reach[@]}"} "$bin/hp2_control" list --lcm-url "$url")"
 
-common=(--lcm-url "$url")
+# All four take part in this session and in no other that is on the same network.
+[ -n "$id" ] || id=$(od -An -N7 -tu8 /dev/urandom | tr -d ' ')
+common=(--lcm-url "$url" --session-id "$id" --give-up-after "$give_up_after")
 meta=(--meta "data=$data" --meta "command=$(quoted run_slam.sh "$data" --rate "$rate" --threads "$threads")${mode:+ --mode $mode}"
   --meta "host=$(uname -n)" --meta "started=$(date -u +%Y-%m-%dT%H:%M:%SZ)" "${same[@]}")
 truth=(--ground-truth "$data" ${selection[@]+"${selection[@]}"} ${damaged[@]+"${damaged[@]}"})
@@ -272,6 +277,16 @@ for name in "${names[@]}"; do
   start "$name"
 done
 
+# What a process says of waiting is said to the user, too.
+waited=$(grep -h "nothing has happened for" "$logs"/*.log 2>/dev/null | tail -n 1) || :
+say_who_waits() {
+  local line
+  line=$(grep -h 'nothing has happened for' "$logs"/*.log 2>/dev/null | tail -n 1) || :
+  [ -n "$line" ] && [ "$line" != "$waited" ] || return 0
+  waited=$line
+  echo "$line" >&3
+}
+
 # Waits for all of them; a process that fails ends the run, or is started again.
 patience=""
 while :; do
@@ -301,6 +316,7 @@ while :; do
   if [ -z "$patience" ] && [ "${ended[viewer]:-}" = 0 ]; then patience=$((SECONDS + 10)); fi
   if [ -n "$patience" ] && [ "$SECONDS" -ge "$patience" ]; then stop_at_once; fi
   if [ "$interrupted" = 0 ] && all_over; then break; fi
+  if [ $((SECONDS % 10)) = 0 ]; then say_who_waits; fi
   sleep 0.2 || :
 done
 trap - EXIT

@@ -28,6 +28,7 @@ int main(int argc, char** argv) {
       "--check", check,
       "Only say whether this session can be begun or gone on with (status 1: it cannot); --meta drive= and "
       "configuration= must then be as they were");
+  hp2::add_run_options(app, options.run);
   hp2::add_common_options(app, common, true);
   app.footer(
       "Examples:\n"
@@ -45,6 +46,8 @@ int main(int argc, char** argv) {
     }
     if (check) {
       std::printf("%s\n", hp2::check_session(options.session_folder, options.meta).c_str());
+      const std::int64_t id = hp2::stored_session_id(options.session_folder);
+      if (id != 0) std::printf("session id %lld\n", static_cast<long long>(id));
       return 0;
     }
     hp2::catch_stop_signals();

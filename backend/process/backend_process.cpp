@@ -19,6 +19,7 @@ constexpr std::int64_t kKeepStatusesUs = 10'000'000;
 constexpr std::int64_t kLingerUs = 2'000'000;
 constexpr std::int64_t kGoneUs = 5'000'000;  // a front-end that was silent for so long does not come back
 constexpr std::size_t kMostViewers = 64;
+constexpr std::int64_t kBelievedAfterUs = 600'000;
 constexpr int kSubmapsAhead = 2;
 constexpr int kMostRefusals = 5;  // of one submap
 
@@ -29,7 +30,8 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
       options_(options),
       endpoint_(bus),
       presence_(endpoint_, "hp2_backend"),
-      worker_(options.session_folder, config,
+      stagnation_(endpoint_, presence_, options.run.give_up_after_s),
+      worker_(options.session_folder, config, options.run.session_id,
               [this](SessionSnapshot s) {
                 bus_.post([this, p = std::make_shared<SessionSnapshot>(std::move(s))] {
                   on_snapshot(std::move(*p));
@@ -57,9 +59,12 @@ BackendProcess::BackendProcess(LcmBus& bus, const BackendConfig& config, const B
   started_us_ = frontend_us_ = bus.now_us();
   // A viewer is done with the last graph once it has written everything.
   graph_.on_reader([this](const fetch_t& fetch) {
-    if (!now_.ended || fetch.done_id < graph_.next()) return;
-    if (done_viewers_.size() >= kMostViewers) done_viewers_.clear();
-    done_viewers_.insert(fetch.sender_id);
+    if (!now_.ended || fetch.done_id < graph_.next()) {
+      done_claims_.erase(fetch.sender_id);
+      return;
+    }
+    if (done_claims_.size() >= kMostViewers) done_claims_.clear();
+    done_claims_.emplace(fetch.sender_id, bus_.now_us());
   });
   endpoint_.set_session(worker_.session_id());
   submaps_.set_limit(0);
@@ -149,10 +154,26 @@ void BackendProcess::watch_submaps() {
   submaps_.set_limit(now_.submap_count + kSubmapsAhead);
   const auto& offer = submaps_.last_offer();
   // The session may end with a submap that did not know that it was the last.
-  if (!finishing_ && offer && offer->ended != 0 && offer->next_id == now_.submap_count &&
+  if (!finishing_ && offer && submaps_.ended() && offer->next_id == now_.submap_count &&
       handed_ == now_.submap_count) {
     finishing_ = true;
     worker_.finish();
+  }
+}
+
+// Who says for a while that it has written everything, and is a viewer by its STATUS. Who leaves says so in
+// its last words.
+void BackendProcess::believe_viewers() {
+  for (const auto& [id, since_us] : done_claims_) {
+    const auto peer = presence_.peers().find(id);
+    const bool viewer = peer != presence_.peers().end() &&
+                        peer->second.status.process == "hp2_viewer_headless" &&
+                        peer->second.status.session_id == endpoint_.session_id();
+    if (viewer && bus_.now_us() - since_us >= kBelievedAfterUs) done_viewers_.insert(id);
+  }
+  if (now_.ended && written_revision_ != now_.revision && !done_viewers_.empty()) {
+    written_revision_ = now_.revision;
+    worker_.write_meta({{kResultsWritten, std::to_string(written_revision_)}});
   }
 }
 
@@ -204,6 +225,8 @@ void BackendProcess::report() {
   } else if (now_.ended) {
     report.total = now_.submap_count;
     report.text = "the session is complete; viewers can fetch it";
+    if (options_.exit_when_done && done_viewers_.empty())
+      report.text += ": waiting for one to write it (hp2_viewer_headless --out DIR)";
   } else if (now_.last_stored || finishing_) {
     report.text = "finishing the session";
   } else if (submaps_.offer() == nullptr) {
@@ -221,12 +244,10 @@ bool BackendProcess::tick() {
   endpoint_.poll();
   watch_submaps();
   if (opened_ && bus_.now_us() - last_correction_us_ > kCorrectionPeriodUs) publish_correction();
-  if (now_.ended && written_revision_ != now_.revision && !done_viewers_.empty()) {
-    written_revision_ = now_.revision;
-    worker_.write_meta({{kResultsWritten, std::to_string(written_revision_)}});
-  }
+  believe_viewers();
   keep_statuses(false);
   report();
+  stagnation_.tick(worker_.busy(), now_.ended && !options_.exit_when_done);
   presence_.poll();
   if (!time_to_go()) return true;
   exit_status_ = now_.ended || stop_ || stop_all_ ? 0 : 130;

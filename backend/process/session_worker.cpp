@@ -9,9 +9,12 @@
 
 namespace hp2 {
 
-SessionWorker::SessionWorker(const std::string& folder, const BackendConfig& config,
+SessionWorker::SessionWorker(const std::string& folder, const BackendConfig& config, std::int64_t session_id,
                              std::function<void(SessionSnapshot)> sink)
-    : store_(folder), backend_(config, store_), session_id_(store_.session_id()), sink_(std::move(sink)) {
+    : store_(folder, SessionStore::Access::kReadWrite, session_id),
+      backend_(config, store_),
+      session_id_(store_.session_id()),
+      sink_(std::move(sink)) {
   closures_told_ = backend_.graph().closures.size();
   // Once the last submap is stored nobody goes on from the state.
   frontend_state_ = std::make_shared<const std::vector<std::uint8_t>>(
@@ -55,6 +58,11 @@ void SessionWorker::write_meta(std::map<std::string, std::string> values) {
     return false;
   });
   wake_.notify_all();
+}
+
+bool SessionWorker::busy() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return working_ || !jobs_.empty();
 }
 
 void SessionWorker::rethrow_error() {
@@ -122,6 +130,7 @@ void SessionWorker::work() {
     }
     const auto job = std::move(jobs_.front());
     jobs_.pop_front();
+    working_ = true;
     lock.unlock();
     std::exception_ptr error;
     try {
@@ -130,6 +139,7 @@ void SessionWorker::work() {
       error = std::current_exception();
     }
     lock.lock();
+    working_ = false;
     if (error) {
       error_ = error;
       return;

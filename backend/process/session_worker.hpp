@@ -39,7 +39,8 @@ struct SessionSnapshot {
 class SessionWorker {
  public:
   /// @throws Error if the session cannot be opened
-  SessionWorker(const std::string& folder, const BackendConfig& config,
+  /// @param session_id that a new session gets, and a stored one must have; 0: any
+  SessionWorker(const std::string& folder, const BackendConfig& config, std::int64_t session_id,
                 std::function<void(SessionSnapshot)> sink);
   ~SessionWorker();
   SessionWorker(const SessionWorker&) = delete;
@@ -52,6 +53,8 @@ class SessionWorker {
   void finish();
   /// Keeps small texts in the session (see SessionStore::write_meta).
   void write_meta(std::map<std::string, std::string> values);
+  /// Work is in hand or waits.
+  bool busy();
   /// Throws what went wrong in the thread (disk full, a session that cannot be written), if something did.
   void rethrow_error();
 
@@ -71,7 +74,7 @@ class SessionWorker {
   std::condition_variable wake_;
   std::deque<std::function<bool()>> jobs_;  // return whether the session changed
   std::exception_ptr error_;
-  bool stop_ = false;
+  bool stop_ = false, working_ = false;
   std::thread thread_;
 };
 

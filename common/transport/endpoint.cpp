@@ -16,6 +16,8 @@ namespace {
 constexpr int kOfferQueue = 200;
 constexpr int kFetchQueue = 500;
 constexpr std::int64_t kSecond = 1'000'000;
+constexpr std::size_t kMostForeign = 256;
+constexpr std::int64_t kSilentSessionUs = 5 * kSecond;
 
 }  // namespace
 
@@ -66,7 +68,18 @@ void Endpoint::on_offer(const std::uint8_t* data, std::size_t size) {
     set_session(offer.session_id);
   }
   if (session_id_ == 0) return;
+  const std::int64_t now = bus_.now_us();
+  if (offer.session_id == session_id_) own_session_heard_us_ = now;
+  const bool silent = now - own_session_heard_us_ > kSilentSessionUs;
+  if (offer.session_id != session_id_ && silent && adopt_from_.count(offer.topic) != 0 && nothing_begun_ &&
+      nothing_begun_()) {
+    spdlog::warn("session {} has gone: taking up session {}", session_id_, offer.session_id);
+    set_session(offer.session_id);
+    own_session_heard_us_ = now;
+  }
   if (offer.session_id != session_id_) {
+    if (foreign_senders_.size() >= kMostForeign) foreign_senders_.clear();
+    foreign_senders_.insert(offer.sender_id);
     if (bus_.now_us() - last_other_session_log_us_ > 10 * kSecond) {
       last_other_session_log_us_ = bus_.now_us();
       spdlog::warn("ignoring offers of another session ({}); this is session {}", offer.session_id,

@@ -35,11 +35,19 @@ class Endpoint {
   void set_session(std::int64_t session_id);
   /// Take over the session of the first offer received on one of these topics.
   void adopt_session_from(std::set<std::string> topics) { adopt_from_ = std::move(topics); }
+  /// A session that has gone silent for 5 s is left for another one that is offered on these topics, while
+  /// `nothing_begun` says that nothing of it was taken up.
+  void leave_silent_session(std::function<bool()> nothing_begun) {
+    nothing_begun_ = std::move(nothing_begun);
+  }
   /// Calls `callback` with every offer of this session on `topic`, whose messages this process does not
   /// fetch.
   void watch_offers(const std::string& topic, std::function<void(const offer_t&)> callback) {
     watchers_[topic] = std::move(callback);
   }
+
+  /// This sender offers its messages in another session.
+  bool is_foreign(std::int64_t sender_id) const { return foreign_senders_.count(sender_id) != 0; }
 
   Counters& counters() { return counters_; }
   /// Counts a message that was refused and logs why, at most once a second.
@@ -75,6 +83,9 @@ class Endpoint {
   std::int64_t sender_id_ = 0;
   std::int64_t session_id_ = 0;
   std::set<std::string> adopt_from_;
+  std::function<bool()> nothing_begun_;
+  std::set<std::int64_t> foreign_senders_;
+  std::int64_t own_session_heard_us_ = 0;
   std::map<std::string, std::function<void(const offer_t&)>> watchers_;
   std::vector<Outbox*> outboxes_;
   std::vector<Inbox*> inboxes_;

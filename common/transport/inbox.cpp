@@ -17,7 +17,8 @@ constexpr std::int64_t kFirstTimeoutUs = 30'000;
 constexpr int kMostDoublings = 4;
 constexpr std::int64_t kAcknowledgePeriodUs = 10'000;
 constexpr std::int64_t kRepeatAcknowledgeUs = 100'000;
-constexpr int kOvertakenMeansLost = 3;  // pieces asked for later that came first
+constexpr std::int64_t kSettledUs = 200'000;  // an offer is repeated 4 times a second
+constexpr int kOvertakenMeansLost = 3;        // pieces asked for later that came first
 constexpr std::size_t kMostUnasked = 6;
 constexpr std::int64_t kUnaskedPatienceUs = 100'000, kUnaskedTimeoutUs = 2'000'000;
 constexpr std::int32_t kMostPieces = 1 << 16;
@@ -62,6 +63,11 @@ const offer_t* Inbox::offer() const {
   return offer_ && endpoint_.bus().now_us() - offer_heard_us_ < kOwnerDeadUs ? &*offer_ : nullptr;
 }
 
+bool Inbox::ended() const {
+  return offer_ && offer_->ended != 0 && ended_since_us_ != 0 &&
+         offer_heard_us_ - ended_since_us_ >= kSettledUs;
+}
+
 void Inbox::on_offer(const offer_t& heard) {
   const std::int64_t now = endpoint_.bus().now_us();
   const bool same_owner = offer_ && offer_->sender_id == heard.sender_id;
@@ -72,9 +78,16 @@ void Inbox::on_offer(const offer_t& heard) {
     if (offer_) spdlog::info("{}: a new owner has taken over", options_.topic);
     for (auto& entry : assemblies_) forget_asked(entry.second);
   }
+  if (heard.ended == 0) {
+    ended_since_us_ = 0;
+  } else if (ended_since_us_ == 0 || !same_owner || offer_->next_id != heard.next_id) {
+    ended_since_us_ = now;
+  }
   offer_ = heard;
   offer_heard_us_ = now;
-  if (options_.order == Order::kLatest && (heard.next_id - 1 > next_ || !same_owner)) {
+  // What waits for a message beyond the newest one was told so by somebody else.
+  const bool beyond = next_ > heard.next_id;
+  if (options_.order == Order::kLatest && (heard.next_id - 1 > next_ || beyond || !same_owner)) {
     seek(std::max(heard.first_id, heard.next_id - 1));
   }
   if (changed && on_offer_changed_) on_offer_changed_(*offer_);
@@ -100,7 +113,9 @@ void Inbox::on_chunk(const std::uint8_t* data, std::size_t size) {
                                 std::to_string(options_.max_message_bytes) + " are taken");
   }
   if (!offer_ || chunk.sender_id != offer_->sender_id) {
-    if (options_.accept_unasked) take_unasked(*view);
+    // A player's scans are for any session, but those of one that plays into another session are not for this
+    // one.
+    if (options_.accept_unasked && !endpoint_.is_foreign(chunk.sender_id)) take_unasked(*view);
     return;
   }
   const auto it = assemblies_.find(chunk.message_id);

@@ -59,6 +59,8 @@ class Inbox {
 
   /// The owner's last offer while the owner lives (an offer in the last 2 s), nothing otherwise.
   const offer_t* offer() const;
+  /// The owner has said for a moment, without saying otherwise, that nothing follows.
+  bool ended() const;
   /// Pieces of the next message are here or under way.
   bool busy() const { return !assemblies_.empty(); }
   /// The last offer received, whether its owner is alive or not.
@@ -94,7 +96,7 @@ class Inbox {
   std::function<void(Delivery)> deliver_, on_unasked_;
   std::function<void(const offer_t&)> on_offer_changed_;
   std::optional<offer_t> offer_;
-  std::int64_t offer_heard_us_ = 0;
+  std::int64_t offer_heard_us_ = 0, ended_since_us_ = 0;
   std::map<std::int64_t, Assembly> assemblies_;
   std::map<std::pair<std::int64_t, std::int64_t>, Assembly> unasked_;  // by (sender, message)
   std::int64_t next_ = 0, limit_ = std::int64_t{1} << 62, wanted_ = 0, done_ = 0;

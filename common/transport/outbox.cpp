@@ -15,8 +15,22 @@ constexpr std::int64_t kForgetRequestUs = 2'000'000;
 constexpr std::size_t kMostWaiting = 16;
 constexpr std::size_t kMostIndices = 64;
 constexpr int kUnaskedPiecesATick = 2;
+constexpr std::int64_t kBelievedAfterUs = 200'000;  // readers repeat themselves 4 times a second
 
 }  // namespace
+
+void Claim::hear(std::int64_t value, std::int64_t possible, std::int64_t now_us) {
+  if (value <= std::max(value_, possible)) {
+    value_ = value;
+    pending_ = -1;
+    return;
+  }
+  if (!pending()) since_us_ = now_us;
+  pending_ = pending() ? std::min(pending_, value) : value;
+  if (now_us - since_us_ < kBelievedAfterUs) return;
+  value_ = pending_;
+  pending_ = -1;
+}
 
 EncodedMessage::EncodedMessage(ByteVector encoded) : EncodedMessage(std::move(encoded), 0) {
   crc = crc32(bytes.data(), bytes.size());
@@ -59,7 +73,8 @@ void Outbox::offer(std::int64_t first, std::int64_t next, bool ended, std::int8_
 }
 
 void Outbox::forget_readers() {
-  done_id_ = wanted_id_ = reader_id_ = heard_us_ = 0;
+  done_id_ = reader_id_ = heard_us_ = sent_end_ = 0;
+  done_ = wanted_ = Claim();
   over_ = false;
   waiting_.clear();
   everything_.clear();
@@ -79,9 +94,10 @@ void Outbox::on_fetch(const fetch_t& fetch) {
   if (!offered_) return;
   reader_id_ = fetch.sender_id;
   heard_us_ = endpoint_.bus().now_us();
-  wanted_id_ = fetch.wanted_id;
-  done_id_ = std::max(done_id_, std::min(fetch.done_id, offer_.next_id));
-  if (fetch.done_id >= fetch_t::ALL) over_ = true;
+  wanted_.hear(fetch.wanted_id, sent_end_, heard_us_);
+  done_.hear(fetch.done_id, sent_end_, heard_us_);
+  done_id_ = std::max(done_id_, std::min(done_.value(), offer_.next_id));
+  over_ = over_ || done_.value() >= fetch_t::ALL;
   if (on_reader_) on_reader_(fetch);
   if (fetch.n == 0 || fetch.message_id < offer_.first_id || fetch.message_id >= offer_.next_id) return;
   Request request{fetch.message_id, fetch.indices, endpoint_.bus().now_us()};
@@ -133,6 +149,7 @@ void Outbox::send_piece(std::int64_t id, EncodedMessage& message, int index) {
   chunk.offset = static_cast<std::int32_t>(offset);
   chunk.crc32 = static_cast<std::int32_t>(message.crc);
   chunk.size = static_cast<std::int32_t>(std::min(kPieceBytes, message.bytes.size() - offset));
+  sent_end_ = std::max(sent_end_, id + 1);
   ++endpoint_.counters()["chunks_sent"];
   if (message.sent[static_cast<std::size_t>(index)]) ++endpoint_.counters()["chunks_resent"];
   message.sent[static_cast<std::size_t>(index)] = true;

@@ -23,6 +23,22 @@ struct EncodedMessage {
 };
 using EncodedMessagePtr = std::shared_ptr<EncodedMessage>;
 
+/// How far a reader says that it is. What goes beyond what this process has sent may be true, if its
+/// predecessor sent it: it counts once it was said for a while and nobody said otherwise. One foreign
+/// datagram ends nothing.
+class Claim {
+ public:
+  /// @param possible what can be true at once: one past the last message sent
+  void hear(std::int64_t value, std::int64_t possible, std::int64_t now_us);
+  /// What is believed.
+  std::int64_t value() const { return value_; }
+  /// Something was said that is not believed yet.
+  bool pending() const { return pending_ >= 0; }
+
+ private:
+  std::int64_t value_ = 0, pending_ = -1, since_us_ = 0;
+};
+
 /// Owner of the messages of one topic.
 class Outbox {
  public:
@@ -51,7 +67,11 @@ class Outbox {
   /// A reader said that its session is over and that it wants nothing any more.
   bool over() const { return over_; }
   /// The last reader's next wish; may lie beyond what is offered.
-  std::int64_t wanted_id() const { return wanted_id_; }
+  std::int64_t wanted_id() const { return wanted_.value(); }
+  /// A reader wishes for what was not sent to it, and is not believed yet.
+  bool wish_pending() const { return wanted_.pending(); }
+  /// One past the last message that was sent to the last piece, or in part.
+  std::int64_t sent_end() const { return sent_end_; }
   /// Process that fetched last, and when [us]; 0: nobody yet.
   std::int64_t reader_id() const { return reader_id_; }
   std::int64_t heard_us() const { return heard_us_; }
@@ -78,8 +98,10 @@ class Outbox {
   std::function<void(const fetch_t&)> on_reader_;
   offer_t offer_;
   bool offered_ = false, any_session_ = false, over_ = false;
+  Claim done_, wanted_;
+  std::int64_t sent_end_ = 0;
   std::int64_t last_offer_us_ = 0;
-  std::int64_t done_id_ = 0, wanted_id_ = 0, reader_id_ = 0, heard_us_ = 0;
+  std::int64_t done_id_ = 0, reader_id_ = 0, heard_us_ = 0;
   std::deque<Request> waiting_;                          // in order of id, the first one not ready yet
   std::deque<std::pair<std::int64_t, int>> everything_;  // (message, piece) of requests for all pieces
 };

@@ -28,6 +28,7 @@ nlohmann::ordered_json peers_as_json(const Presence& presence) {
         std::max(s.peak_memory_mb, j.contains("peak_memory_mb") ? j["peak_memory_mb"].get<double>() : 0.0);
     auto& counters = j["counters"];
     for (const auto& c : s.counters) {
+      if (c.name == "busy") continue;  // of that moment alone
       counters[c.name] = c.value + (counters.contains(c.name) ? counters[c.name].get<std::int64_t>() : 0);
     }
   }

@@ -137,7 +137,8 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
   }
   const std::int64_t sender = m.sender_id;
   Peer& peer = peers_[sender];
-  peer = Peer{std::move(m), endpoint_.bus().now_us(), peer.times + 1};
+  const std::int64_t now = endpoint_.bus().now_us();
+  peer = Peer{std::move(m), now, peer.times + 1, peer.times == 0 ? now : peer.first_us};
 }
 
 std::vector<const Peer*> Presence::all_live(const std::string& name) const {

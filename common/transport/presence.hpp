@@ -24,6 +24,9 @@ struct Peer {
   status_t status;
   std::int64_t heard_us = 0;
   int times = 0;  ///< Number of its messages received.
+  std::int64_t first_us = 0;
+  /// It sent more than one STATUS over a moment: anybody can send one.
+  bool established() const { return times > 1 && heard_us - first_us >= 300'000; }
 };
 
 /// Publishes STATUS and keeps the others' last words. Belongs to the bus's thread.

@@ -43,6 +43,22 @@ void add_common_options(CLI::App& app, CommonOptions& options, bool configurable
   app.get_formatter()->column_width(34);
 }
 
+void add_run_options(CLI::App& app, RunOptions& options) {
+  app.add_option("--session-id", options.session_id,
+                 "Take part in this session alone, so that two runs on one LCM network do not mix; 0: in the "
+                 "first one "
+                 "that is heard")
+      ->type_name("ID")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--give-up-after", options.give_up_after_s,
+                 "End when nothing has happened for S seconds, saying who is waited for; 0: never, for "
+                 "robots that wait "
+                 "for a sensor")
+      ->type_name("S")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e9));
+}
+
 bool apply_common_options(const CommonOptions& options, Config* config,
                           const std::function<void()>& override) {
   set_log_level(options.log_level);

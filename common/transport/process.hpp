@@ -21,6 +21,14 @@ struct CommonOptions {
 /// @param configurable adds --config and --print-config
 void add_common_options(CLI::App& app, CommonOptions& options, bool configurable);
 
+/// Options of the programs that take part in a session.
+struct RunOptions {
+  std::int64_t session_id = 0;     ///< This session and no other; 0: the first one that is offered.
+  double give_up_after_s = 120.0;  ///< Without any progress; 0: never.
+};
+/// Adds them to a command line.
+void add_run_options(CLI::App& app, RunOptions& options);
+
 /// Sets the log level and reads the configuration file, if one is given; then calls `override`, by which
 /// options of the command line win over the file.
 /// @return true if --print-config was asked for and served: the program should end

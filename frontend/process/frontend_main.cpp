@@ -28,6 +28,7 @@ int main(int argc, char** argv) {
       ->type_name("N")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
+  hp2::add_run_options(app, options.run);
   hp2::add_common_options(app, common, true);
   app.footer(
       "Examples:\n"

@@ -38,6 +38,7 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
                   on_event(std::move(*e));
                 });
               }),
+      stagnation_(endpoint_, presence_, options.run.give_up_after_s),
       started_us_(bus.now_us()) {
   for (const char* name : {"scans_registered", "scans_skipped", "submaps_cut"})
     endpoint_.counters()[name] = 0;
@@ -48,6 +49,10 @@ FrontendProcess::FrontendProcess(LcmBus& bus, const FrontendConfig& config,
     endpoint_.set_session(random_id());
   } else {
     endpoint_.adopt_session_from({kResumeTopic});
+    endpoint_.set_session(options_.run.session_id);
+    if (options_.run.session_id == 0) {
+      endpoint_.leave_silent_session([this] { return state_ == State::kWaiting; });
+    }
   }
   resume_.set_limit(kNothing);
 }
@@ -64,7 +69,12 @@ void FrontendProcess::on_command(const control_t& command, bool named) {
 // Of two front-ends the one that has not begun yet leaves; if that does not tell them apart, the one with the
 // larger number. Both come to the same verdict.
 void FrontendProcess::check_twin() const {
-  const Peer* twin = presence_.live("hp2_frontend");
+  // Without a session nobody is anybody's twin; and one STATUS alone may be anybody's.
+  if (endpoint_.session_id() == 0) return;
+  const Peer* twin = nullptr;
+  for (const Peer* peer : presence_.all_live("hp2_frontend")) {
+    if (peer->established()) twin = peer;
+  }
   if (twin == nullptr) return;
   const bool begun = state_ != State::kWaiting;
   bool twin_begun = false;
@@ -160,14 +170,18 @@ void FrontendProcess::feed() {
   feed_live();
   const offer_t* offer = scans_.offer();
   const bool room = !submaps_.full() && !live_.active() && !paused_;
-  if (last_given_ + 1 > scans_.next_delivery()) scans_.seek(last_given_ + 1);
+  // Beyond what the player has waits only who was told so by somebody else.
+  const bool beyond = offer != nullptr && scans_.next_delivery() > offer->next_id;
+  if (last_given_ + 1 > scans_.next_delivery() || (beyond && scans_.next_delivery() > last_given_ + 1)) {
+    scans_.seek(last_given_ + 1);
+  }
   const bool real_time = offer != nullptr && offer->pacing == offer_t::REAL_TIME;
   if (room) skip_to_newest();
   // In real time one scan is fetched while another is registered: what is fetched early is old when its turn
   // comes.
   const int space = real_time ? (in_worker_ < 2 ? 1 : 0) : std::max(0, kInWorker - in_worker_);
   scans_.set_limit(room ? scans_.next_delivery() + space : kNothing);
-  if (offer != nullptr && offer->ended != 0 && in_worker_ == 0 && last_given_ + 1 >= offer->next_id) {
+  if (offer != nullptr && scans_.ended() && in_worker_ == 0 && last_given_ + 1 >= offer->next_id) {
     end_session("the player has no more scans");
   }
 }
@@ -298,6 +312,7 @@ bool FrontendProcess::tick() {
   check_backend();
   feed();
   report();
+  stagnation_.tick(in_worker_ > 0 || state_ == State::kEnding, paused_);
   presence_.poll();
   if (!over()) return true;
   Report last = presence_.report();

@@ -9,6 +9,7 @@
 #include "common/transport/lcm_bus.hpp"
 #include "common/transport/presence.hpp"
 #include "common/transport/process.hpp"
+#include "common/transport/stagnation.hpp"
 #include "frontend/process/kept_submaps.hpp"
 #include "frontend/process/live_scans.hpp"
 #include "frontend/process/registration_worker.hpp"
@@ -17,6 +18,7 @@ namespace hp2 {
 
 /// How the front-end behaves on the bus.
 struct FrontendProcessOptions {
+  RunOptions run;
   int threads = 2;
   bool standalone = false;    ///< Begin without a back-end: odometry only, submaps are dropped.
   int live_backlog = 4;       ///< Live scans that may wait; beyond that the oldest are dropped.
@@ -61,6 +63,7 @@ class FrontendProcess {
   KeptSubmaps submaps_;
   LiveScans live_;
   RegistrationWorker worker_;
+  Stagnation stagnation_;
 
   State state_ = State::kWaiting;
   bool paused_ = false, stop_ = false;

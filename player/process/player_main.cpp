@@ -111,6 +111,7 @@ int main(int argc, char** argv) {
       ->type_name("N")
       ->check(CLI::Range(1, 16))
       ->capture_default_str();
+  hp2::add_run_options(app, options.run);
   hp2::add_common_options(app, common, false);
   app.footer(
       "Examples:\n"

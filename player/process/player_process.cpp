@@ -66,8 +66,13 @@ PlayerProcess::PlayerProcess(Bus& bus, const ScanSource& source, const PlayerOpt
           options.ahead, options.threads),
       outbox_(endpoint_, kScanTopic, [this](std::int64_t id) { return loader_.get(id); }),
       progress_(total_, scan_period_s(source)),
+      stagnation_(endpoint_, presence_, options.run.give_up_after_s),
       paused_(options.start_paused) {
   endpoint_.adopt_session_from({kResumeTopic, kSubmapTopic});
+  endpoint_.set_session(options.run.session_id);
+  if (options.run.session_id == 0) {
+    endpoint_.leave_silent_session([this] { return outbox_.heard_us() == 0; });
+  }
   // The back-end offers the state to take the session up from: of one that has ended, that it has.
   endpoint_.watch_offers(kResumeTopic, [this](const offer_t& offer) {
     if (offer.ended == 0) session_ended_us_ = 0;
@@ -120,7 +125,7 @@ void PlayerProcess::report_damage() {
 void PlayerProcess::turn_clock() {
   const std::int64_t now = bus_.now_us();
   if (clock_start_us_ < 0) {  // the clock starts when someone listens, at the scan that is wanted next
-    if (outbox_.heard_us() == 0) return;
+    if (outbox_.heard_us() == 0 || outbox_.wish_pending()) return;
     appeared_ = std::max(appeared_, registered());
     if (appeared_ >= total_) return;
     clock_start_us_ = now;
@@ -208,6 +213,9 @@ bool PlayerProcess::tick() {
   if (stop_ || stop_signals() > 0) return end(kStopped, "stopped");
   if (stop_all_) return end(0, "the session is ended by a command");
   report();
+  // By the clock the next scan may be minutes away: the drive has a gap.
+  const bool clock_runs = options_.rate > 0 && clock_start_us_ >= 0 && appeared_ < total_;
+  stagnation_.tick(clock_runs, paused_);
   presence_.poll();
   return true;
 }

@@ -8,6 +8,7 @@
 #include "common/transport/outbox.hpp"
 #include "common/transport/presence.hpp"
 #include "common/transport/process.hpp"
+#include "common/transport/stagnation.hpp"
 #include "player/process/progress.hpp"
 #include "player/scan_source.hpp"
 
@@ -15,6 +16,7 @@ namespace hp2 {
 
 /// How the drive is played.
 struct PlayerOptions {
+  RunOptions run;
   double rate = 0.0;  ///< Times real time; 0: lockstep, as fast as the front-end registers.
   bool start_paused = false;
   int threads = 1;  ///< Threads that read ahead.
@@ -56,6 +58,7 @@ class PlayerProcess {
   MessageLoader loader_;
   Outbox outbox_;
   Progress progress_;
+  Stagnation stagnation_;
   bool paused_, stop_ = false, stop_all_ = false;
   std::int64_t allowed_ = 0;   // while paused: scans before it may be sent
   std::int64_t appeared_ = 0;  // real time: scans before it have appeared

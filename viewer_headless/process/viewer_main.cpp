@@ -116,6 +116,7 @@ int main(int argc, char** argv) {
   app.add_flag("--skip-damaged", source_options.skip_damaged, "As hp2_player's, for the ground truth");
   app.add_option("--meta", meta, "A text for the summary, e.g. data=/data/kitti/07; may be repeated")
       ->type_name("KEY=TEXT");
+  hp2::add_run_options(app, options.run);
   hp2::add_common_options(app, common, true);
   app.footer(
       "Examples:\n"

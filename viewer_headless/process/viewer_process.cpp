@@ -53,17 +53,20 @@ ViewerProcess::ViewerProcess(LcmBus& bus, const ViewerConfig& config, const View
                  if (m.command == control_t::STOP) (named ? stop_ : stop_all_) = true;
                  export_now_ = export_now_ || m.command == control_t::EXPORT;
                }),
+      stagnation_(endpoint_, presence_, options.run.give_up_after_s),
       graph_(endpoint_, {kGraphTopic, Inbox::Order::kLatest},
              [this](const Delivery& d) {
                auto graph = decode_graph(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
-               if (!graph) return endpoint_.reject(chunk_channel(kGraphTopic), "not a valid graph_t");
+               if (!graph || graph->revision != d.id) {
+                 return endpoint_.reject(chunk_channel(kGraphTopic), "not a valid graph_t");
+               }
                graph_revision_ = graph->revision;
                new_graph_ = std::move(graph);
              }),
       trajectory_(endpoint_, {kTrajectoryTopic, Inbox::Order::kLatest},
                   [this](const Delivery& d) {
                     auto t = decode_trajectory(d.bytes->data(), d.bytes->size(), endpoint_.session_id());
-                    if (!t)
+                    if (!t || t->revision != d.id)
                       return endpoint_.reject(chunk_channel(kTrajectoryTopic), "not a valid trajectory_t");
                     trajectory_revision_ = t->revision;
                     state_.trajectory = std::move(t->trajectory);
@@ -77,6 +80,10 @@ ViewerProcess::ViewerProcess(LcmBus& bus, const ViewerConfig& config, const View
                  spool_.append(d.bytes->data(), d.bytes->size());
                }) {
   endpoint_.adopt_session_from({kGraphTopic, kTrajectoryTopic, kSessionSubmapTopic});
+  endpoint_.set_session(options_.run.session_id);
+  if (options_.run.session_id == 0) {
+    endpoint_.leave_silent_session([this] { return graph_revision_ < 0 && spool_.size() == 0; });
+  }
   bus_.subscribe(
       kOdometryChannel, [this](const auto* data, auto size) { on_odometry(data, size); }, kOdometryQueue);
 }
@@ -213,6 +220,7 @@ bool ViewerProcess::tick() {
     }
   }
   report();
+  stagnation_.tick(writing_, written_final_);
   presence_.poll();
   const bool stay = (options_.keep_running && !stop_all_) || !written_final_ || backend_waits();
   if (writing_ || (!stopping && stay)) return true;

@@ -12,6 +12,7 @@
 #include "common/transport/lcm_bus.hpp"
 #include "common/transport/presence.hpp"
 #include "common/transport/process.hpp"
+#include "common/transport/stagnation.hpp"
 #include "player/scan_source.hpp"
 #include "viewer_headless/map/submap_spool.hpp"
 #include "viewer_headless/write_session.hpp"
@@ -20,6 +21,7 @@ namespace hp2 {
 
 /// How the viewer behaves on the bus.
 struct ViewerProcessOptions {
+  RunOptions run;
   std::string out_folder;
   double live_every_s = 0.0;  ///< Write everything so often while the drive runs; 0: only at the end.
   bool keep_running = false;  ///< Stay after the end of the session.
@@ -58,6 +60,7 @@ class ViewerProcess {
   Endpoint endpoint_;
   Presence presence_;
   ControlListener control_;
+  Stagnation stagnation_;
   Inbox graph_, trajectory_, submaps_;
   GraphState state_;
   std::int64_t graph_revision_ = -1, trajectory_revision_ = -1, written_revision_ = -1;
