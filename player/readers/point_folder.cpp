@@ -98,34 +98,16 @@ PointReading find_reading(const std::vector<std::string>& paths, const std::stri
     if (!choice.note.empty()) warnings.push_back(choice.note);
   }
 
-  std::vector<double> ranges;
   std::set<std::string> fields;
-  bool integer = false, timed = false;
+  bool timed = false;
   for (std::size_t i = 0; i < n; ++i) {
     try {
       PointFile file;
       read_point_file(paths[i], file, reading.layout);
-      integer = integer || file.integer;
       timed = timed || !file.raw_time.empty();
       fields.insert(file.fields.begin(), file.fields.end());
-      for (std::size_t k = 0; k < file.scan.size(); ++k) {
-        const double r = std::hypot(file.scan.x[k], file.scan.y[k], file.scan.z[k]);
-        if (std::isfinite(r) && r > 0.0) ranges.push_back(r);
-      }
     } catch (const Error&) {
       // As above.
-    }
-  }
-  if (!ranges.empty() && kind_of(base_name(paths[0])) != ".las") {  // LAS has its unit in its header
-    const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-    std::nth_element(ranges.begin(), middle, ranges.end());
-    // Half of the points beyond what a sensor sees, or whole numbers and beyond what a metre's steps resolve.
-    const bool millimetres = *middle > (integer ? 100.0 : 1000.0) && *middle < 300'000.0;
-    if (millimetres) {
-      reading.scale_m = 0.001F;
-      warnings.push_back(parent_folder(paths[0]) + ": the coordinates are taken as millimetres (" +
-                         (integer ? "whole numbers, " : "") + "half of the ranges are above " +
-                         std::to_string(std::lround(*middle)) + ")");
     }
   }
   std::string unknown;

@@ -275,9 +275,10 @@ TEST(ScanKinds, WholeNumbersAreMillimetres) {
   folder.write("000000.ply", ply);
   const auto source = open_source(folder.path());
   expect_near(source->read(0), scan, 0.001F);
-  ASSERT_GE(source->warnings().size(), 2U);
-  EXPECT_NE(source->warnings()[0].find("millimetres"), std::string::npos);
-  EXPECT_NE(source->warnings()[1].find("quality"), std::string::npos);
+  std::string warnings;
+  for (const std::string& w : source->warnings()) warnings += w + "\n";
+  EXPECT_NE(warnings.find("millimetres"), std::string::npos);
+  EXPECT_NE(warnings.find("quality"), std::string::npos);
 }
 
 TEST(ScanKinds, TypesInLowerCaseAsPclReadsThem) {
