@@ -69,12 +69,7 @@ std::vector<std::string> list_scan_files(const std::string& folder, std::vector<
   return best;
 }
 
-void PointReading::read(const std::string& path, PointFile& out) const {
-  read_point_file(path, out, layout);
-  if (scale_m == 1.0F) return;
-  for (auto* axis : {&out.scan.x, &out.scan.y, &out.scan.z})
-    for (float& v : *axis) v *= scale_m;
-}
+void PointReading::read(const std::string& path, PointFile& out) const { read_point_file(path, out, layout); }
 
 PointReading find_reading(const std::vector<std::string>& paths, const std::string& bin_layout,
                           std::vector<std::string>& warnings) {

@@ -20,7 +20,6 @@ bool is_text_scan(const std::string& name);
 /// How the scans of one drive are read.
 struct PointReading {
   const BinLayout* layout = nullptr;  ///< Of .bin files.
-  float scale_m = 1.0F;               ///< The coordinates' unit.
 
   /// @throws Error as read_point_file()
   void read(const std::string& path, PointFile& out) const;
