@@ -156,6 +156,20 @@ TEST(LcmLog, Damage) {
   }
 }
 
+TEST(LcmLog, AbsurdPieceCountsTakeNoMemory) {
+  const TemporaryFolder folder;
+  std::string log = event("HP2_SCAN", encode_scan(timed_scan(0)));
+  for (int k = 0; k < 2000; ++k) {  // with room for all pieces that are promised: 50 GB
+    chunk_t c{};
+    c.message_id = k, c.count = 1 << 20, c.index = c.count - 1, c.total_size = 1000;
+    log += event("HP2_SCAN", encode_message(c));
+  }
+  folder.write("drive.lcm", log);
+  const auto source = open_source(folder / "drive.lcm");
+  EXPECT_EQ(source->size(), 1U);
+  EXPECT_THAT(source->warnings().at(0), HasSubstr("2000 scans"));
+}
+
 // ---------------------------------------------------------------- ROS bags
 
 std::string field(const std::string& name, const std::string& value) {
@@ -332,6 +346,22 @@ TEST(Rosbag, Damage) {
       for (std::size_t i = 0; i < source->size(); ++i) error_of([&] { source->read(i); });
     });
   }
+}
+
+TEST(Rosbag, IndexThatRepeatsAMessageHasItOnce) {
+  const TemporaryFolder folder;
+  std::string bytes = bag(three_clouds());
+  const std::size_t index = bytes.find(field("op", "\4"), bytes.find(field("op", "\4")) + 1);  // the cloud's
+  const std::size_t size_at = bytes.find(raw<std::uint32_t>(12), index);
+  const std::string entry = bytes.substr(size_at + 4, 12);
+  std::string many;
+  for (int k = 0; k < 200'000; ++k) many += entry;
+  bytes.replace(size_at, 16, text(many));
+  folder.write("drive.bag", bytes);
+  const auto source = open_source(folder / "drive.bag");
+  ASSERT_EQ(source->size(), 3U);
+  test::expect_same_points(source->read(1), make_points(20, 1));
+  EXPECT_THAT(source->warnings().at(0), HasSubstr("not closed")) << "the bag's header names another place";
 }
 
 TEST(Rosbag, ManyAndFewPoints) {

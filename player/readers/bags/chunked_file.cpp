@@ -46,8 +46,8 @@ std::shared_ptr<const Expanded> ChunkedFile::expanded(std::uint32_t index, std::
     throw Error(c.compression == Compression::kUnknown ? "a chunk's compression is not known"
                                                        : "a chunk claims an impossible size",
                 where(index), "Record it again, or repair the recording.");
-  // Asked for more than the first time: all of it will be needed.
-  std::uint64_t most = known ? kMostExpanded : std::min(least, kMostExpanded);
+  // The head of a message is asked for in parts. Asked for more than that, all of it will be needed.
+  std::uint64_t most = known ? kMostExpanded : std::min(least + kWindow, kMostExpanded);
   if (most >= c.expanded / 2) most = std::max(c.expanded, most);
   auto made = std::make_shared<Expanded>(expand(
       c.compression, file_->read(c.at, static_cast<std::size_t>(c.size)), static_cast<std::size_t>(most)));

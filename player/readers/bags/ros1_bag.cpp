@@ -104,16 +104,23 @@ class Ros1Bag final : public BagFile {
     const auto index_at = little_endian<std::uint64_t>(value_of(record.fields, "index_pos"));
     closed_ = index_at > kMagic.size() && index_at < file_.file().size();
     const auto chunk_count = little_endian<std::uint32_t>(value_of(record.fields, "chunk_count"));
+    if (closed_) list_records(window, index_at);
+    closed_ = closed_ && !connections_.empty();
     // Without the index some writers' connections still stand outside of the chunks.
-    for (std::uint64_t at = closed_ ? index_at : kMagic.size();
-         at < file_.file().size() && read_record(window, at, record);
+    if (!closed_) list_records(window, kMagic.size());
+    if (closed_ && chunks_at_.size() < chunk_count)
+      warnings_.push_back(file_.file().path() + " ends early: its index is not whole");
+  }
+
+  /// Connections and chunks in the records from `at` on.
+  void list_records(RecordWindow& window, std::uint64_t at) {
+    Record record;
+    for (; at < file_.file().size() && read_record(window, at, record);
          at = record.data_at + record.data_size) {
       if (record.op == kOpConnection) add_connection(window, record);
       if (record.op == kOpChunkInfo)
         chunks_at_.insert(little_endian<std::uint64_t>(value_of(record.fields, "chunk_pos")));
     }
-    if (closed_ && chunks_at_.size() < chunk_count)
-      warnings_.push_back(file_.file().path() + " ends early: its index is not whole");
   }
 
   void add_connection(RecordWindow& window, const Record& record) {
