@@ -8,10 +8,9 @@
 
 namespace hp2 {
 
-// The prediction is expected to be farther off than ICP reaches, by those before it or for the time that it
-// spans, and the scan fits worse than most: ICP begins at other guesses too, with a part of the points and
-// for a few iterations each, the farther ones only while none fits. A fit counts less the less credible the
-// motion to it is.
+// Where the prediction is expected to be farther off than ICP reaches, and the scan fits worse than most, ICP
+// begins at other guesses too, with a part of the points and for a few iterations each. The farther guesses
+// come only while none fits. A fit counts less the less credible the motion to it is.
 IcpResult Track::try_other_guesses(const IcpResult& icp, const StampedCloud& scan,
                                    const Expectation& expected, const Parallel& parallel) {
   const GuessConfig& g = config_.guesses;

@@ -16,13 +16,13 @@ struct PreprocessConfig {
   double min_range_m = 1.0;
   double max_range_m = 100.0;
   double map_voxel_m = 0.3;     ///< One point a voxel of this edge goes on to the map.
-  double source_voxel_m = 0.7;  ///< Of these one a voxel of this edge is registered.
+  double source_voxel_m = 0.7;  ///< Of these one per voxel of this edge is registered.
 };
 
 /// The points of a sweep that survive, in the order of firing.
 struct PreprocessedScan {
   std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m]: one a map voxel.
-  std::vector<float> time;              ///< Time in sweep, one a point; empty: absent.
+  std::vector<float> time;              ///< Time in sweep, one per point; empty: absent.
   std::vector<std::uint32_t> source;    ///< Indices into `points`: one a source voxel.
   double max_range_m = 0.0;             ///< Distance of the farthest of them.
   int dropped = 0;                      ///< Points of the sweep that were not finite or out of range.

@@ -1,6 +1,6 @@
-// The speed of the first scans where they hardly tell it: on a bridge or a highway they fit a standing
-// sensor, or one that follows the traffic, about as well as the true motion, and the map made with a wrong
-// speed confirms it. The first scans are registered again, thinned out, for a range of starting speeds; the
+// The speed of the first scans where they hardly tell it. On a bridge or a highway they fit a standing
+// sensor, or one that follows the traffic, about as well as the true motion. The map made with a wrong speed
+// then confirms it. So the first scans are registered again, thinned out, for a range of starting speeds. The
 // true one gives a smooth trajectory that the scans agree with. The work is cut into small steps, so that no
 // scan waits for it.
 #pragma once

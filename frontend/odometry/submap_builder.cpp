@@ -7,7 +7,7 @@ namespace hp2 {
 namespace {
 
 // Scans before a loss that are worth a submap of their own. Where tracking comes and goes from scan to scan
-// there would be one a scan otherwise.
+// there would be one per scan otherwise.
 constexpr std::size_t kWorthASubmap = 10;
 
 std::uint64_t key_of(const Eigen::Vector3f& p, float inverse_voxel) {

@@ -53,7 +53,7 @@ class SubmapBuilder {
   }
   /// Gives the open scans other poses, the points that came with each going along; the submap begins at the
   /// first.
-  /// @param odom_from_sensor one a scan, at least one
+  /// @param odom_from_sensor one per scan, at least one
   void move_scans(const std::vector<Pose>& odom_from_sensor);
   /// Cuts the open submap wherever it is; nothing if it holds no scan.
   std::optional<Submap> finish();

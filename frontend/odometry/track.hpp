@@ -62,9 +62,10 @@ class Track {
 
   /// True between a first scan, of the session or after a loss, and the second: the speed is unknown.
   bool at_start() const { return !first_cloud_.points.empty(); }
-  /// At a start: the first scan, not deskewed.
+  /// The first scan, not deskewed, while at_start().
   const PreprocessedScan& first_cloud() const { return first_cloud_; }
-  /// At a start: the sensor moved at `velocity` [twist / us] in the first scan, a sweep of `duration_us`.
+  /// While at_start(): the sensor moved at `velocity` [twist / us] in the first scan, a sweep of
+  /// `duration_us`.
   void start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel);
   /// True while the first scan of the session is the only one.
   bool begins_session() const { return builder_.id() == 0 && builder_.open_scans().size() == 1; }
