@@ -138,7 +138,8 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
   const std::int64_t sender = m.sender_id;
   Peer& peer = peers_[sender];
   const std::int64_t now = endpoint_.bus().now_us();
-  peer = Peer{std::move(m), now, peer.times + 1, peer.times == 0 ? now : peer.first_us};
+  const bool spoke = peer.times > 0 && now - peer.heard_us <= kLiveUs;  // as a process does, twice a second
+  peer = Peer{std::move(m), now, peer.times + 1, spoke ? peer.first_us : now};
 }
 
 std::vector<const Peer*> Presence::all_live(const std::string& name) const {

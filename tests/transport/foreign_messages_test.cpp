@@ -156,7 +156,10 @@ TEST(ForeignMessages, OneStatusEstablishesNobody) {
   run(network, 10, listener);
   ASSERT_NE(presence.live("hp2_frontend"), nullptr);
   EXPECT_FALSE(presence.live("hp2_frontend")->established());
+  run(network, 5000, listener);
+  stranger.endpoint.publish(kStatusChannel, m);
   run(network, 500, listener);
+  EXPECT_EQ(presence.peers().at(1).established(), false) << "two that lie seconds apart";
   stranger.endpoint.publish(kStatusChannel, m);
   run(network, 10, listener);
   EXPECT_TRUE(presence.live("hp2_frontend")->established());
