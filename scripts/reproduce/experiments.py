@@ -211,6 +211,44 @@ def ablation(runner, data, name, found):
 # ---------------------------------------------------------------- runtime
 
 
+# Settings whose figures differ by luck alone: their median is quoted.
+EQUIVALENT = (26.98, 26.99, 27.0, 27.01, 27.02)  # n_ref
+
+
+def leave_one_out(runner, name, found):
+    """What each part of mode robust is worth: the front-end with all parts, and without each of them."""
+    result = Result(name)
+    parts = runner.robust_parts()
+    jobs = [(f"{d.name} without {part or 'nothing'}", (d, part)) for d in found for part in [None, *parts]]
+
+    def work(job):
+        drive, part = job
+        left_out = [f"frontend.robust.{part}=false"] if part else []
+        runs = [runner.bench(drive, f"without_{part}_{n:g}", [f"frontend.n_ref={n:g}", *left_out], mode="robust")
+                for n in EQUIVALENT]
+        if any(r["accuracy"] is None for r in runs):
+            raise RunFailed("the drive has no ground truth, so there is no ATE")
+        figures = {"ate": statistics.median(_ate(r["accuracy"]) for r in runs),
+                   "nees": statistics.median(r["normalised_error_squared"]["mean"] for r in runs),
+                   "ms": statistics.median(r["total"]["mean"] for r in runs)}
+        return f"ATE {figures['ate']:.3f} m", figures
+
+    outcomes = dict(zip([job for _, job in jobs], _each(runner, "leave one out", jobs, work)))
+    for key, unit in (("ate", "ATE [m]"), ("nees", "normalised error squared"), ("ms", "milliseconds per scan, mean")):
+        table = Table(f"Leave one out: {unit}, medians of five equivalent settings", "Drive",
+                      ["all parts", *(f"without {p}" for p in parts)], digits=3)
+        ratios = {p: [] for p in parts}
+        for drive in found:
+            whole = outcomes[drive, None]
+            table.add(drive.name, [outcomes[drive, p][key] if outcomes[drive, p] else None for p in [None, *parts]])
+            for p in parts:
+                if whole and outcomes[drive, p] and whole[key] > 0 and outcomes[drive, p][key] > 0:
+                    ratios[p].append(outcomes[drive, p][key] / whole[key])
+        table.add("geometric mean of the ratios", [1.0, *(statistics.geometric_mean(r) if r else None for r in ratios.values())])
+        result.tables[f"{name}_{key}"] = table
+    return result
+
+
 def runtime(runner, data, name, found):
     """Milliseconds a scan by stage: the front-end's from hp2_bench, the back-end's from the four processes."""
     table = data["tables"][name]

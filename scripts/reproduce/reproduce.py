@@ -34,6 +34,7 @@ examples:
   scripts/reproduce.sh kitti /data/kitti --out out/kitti            # /data/kitti/sequences/00 ... and poses/
   scripts/reproduce.sh helipr /data/helipr --out out/helipr --drives 'Bridge.*/Avia'
   scripts/reproduce.sh ablation /data/my_drive --out out/mine
+  scripts/reproduce.sh ablation /data/drives --leave-one-out --out out/parts
   scripts/reproduce.sh sensitivity synthetic:loop --out out/loop --parameter all
 """
 
@@ -47,6 +48,8 @@ def parse(arguments):
     parser.add_argument("--drives", metavar="REGEX", default="", help="only drives whose path matches")
     parser.add_argument("--parameter", action="append", metavar="P", choices=[*experiments.GRIDS, "all"],
                         help="sensitivity: of what; may be given again (default: tau_ref)")
+    parser.add_argument("--leave-one-out", action="store_true",
+                        help="ablation: mode robust without each of its parts instead, medians of five settings")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="threads of the front-end (default: 2)")
     parser.add_argument("--config", metavar="FILE", help="settings (YAML) for all runs")
     parser.add_argument("--mode", metavar="M", help="the front-end's residuals, not for ablation")
@@ -85,6 +88,8 @@ def check(options):
 def run(runner, data, table, found, options):
     if table in ACCURACY:
         return experiments.accuracy(runner, data, table, found)
+    if table == "ablation" and options.leave_one_out:
+        return experiments.leave_one_out(runner, "leave_one_out", found)
     if table == "ablation":
         return experiments.ablation(runner, data, table, found)
     if table == "runtime":

@@ -157,6 +157,11 @@ class Runner:
             raise RunFailed(done.stderr.strip() or "hp2_frontend --print-config failed")
         return dict(re.findall(r"^  (\w+): (.*)$", done.stdout, re.MULTILINE))
 
+    def robust_parts(self):
+        """Names of the parts of mode robust that can be left out."""
+        done = subprocess.run([str(self.bin / "hp2_frontend"), "--print-config"], capture_output=True, text=True)
+        return re.findall(r"^  robust\.(\w+): ", done.stdout, re.MULTILINE)
+
     # ------------------------------------------------------------ figures
 
     def trajectory_figures(self, drive, folder, stem):
