@@ -20,7 +20,9 @@ namespace {
 
 constexpr std::size_t kStretch = 25;        // scans that are compared at once
 constexpr std::size_t kStretchesTried = 6;  // in search of motion
-constexpr std::size_t kStretchesCounted = 3;
+constexpr std::size_t kStretchesCounted = 4;
+// Ten seconds of motion must agree before times are made up: a shorter drive is taken as it is.
+constexpr std::size_t kStretchesNeeded = 4;
 constexpr std::int64_t kLongestSweep_us = 210'000;
 
 double median_step(const std::vector<std::int64_t>& stamps) {
@@ -126,7 +128,8 @@ std::optional<SweepReading> Settlement::compare(std::size_t first) {
     if (comparison && comparison->add_stretch(thin_stretch(scans, even_, begin, comparison->scale()))) {
       spdlog::debug("sweep, scans from {}: {}", begin, comparison->to_text());
       const auto best = comparison->best(demand);
-      if (best && (all_cuts || best->kind != SweepReading::Kind::kCompensated)) return best;
+      const bool enough = has_times_ || counted + 1 >= kStretchesNeeded;
+      if (best && enough && (all_cuts || best->kind != SweepReading::Kind::kCompensated)) return best;
       if (has_times_ && comparison->first_leads()) return std::nullopt;
       if (++counted == kStretchesCounted) break;
       begin += kStretch;

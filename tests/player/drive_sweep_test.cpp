@@ -13,7 +13,7 @@
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kScans = 30;
+constexpr std::size_t kScans = 105;
 
 /// What is done to the scans of a synthetic drive, whose sensor turns clockwise from behind.
 struct Change {
