@@ -111,6 +111,7 @@ std::optional<SweepReading> Settlement::compare(std::size_t first) {
   const SweepComparison::Demand demand =
       has_times_ ? SweepComparison::Demand{4.0, 0.01} : SweepComparison::Demand{3.0, 0.005};
   bool all_cuts = true;  // the right one is among the readings, if the points are distorted
+  std::optional<SweepReading> found;
   std::size_t counted = 0, begin = first, skip = kStretch;
   for (std::size_t tried = 0; tried < kStretchesTried && begin + 12 <= drive_.scans.size(); ++tried) {
     const std::vector<Scan> scans = read_stretch(drive_, begin, kStretch);
@@ -128,8 +129,8 @@ std::optional<SweepReading> Settlement::compare(std::size_t first) {
     if (comparison && comparison->add_stretch(thin_stretch(scans, even_, begin, comparison->scale()))) {
       spdlog::debug("sweep, scans from {}: {}", begin, comparison->to_text());
       const auto best = comparison->best(demand);
-      const bool enough = has_times_ || counted + 1 >= kStretchesNeeded;
-      if (best && enough && (all_cuts || best->kind != SweepReading::Kind::kCompensated)) return best;
+      if (!found && best && (all_cuts || best->kind != SweepReading::Kind::kCompensated)) found = best;
+      if (found && (has_times_ || counted + 1 >= kStretchesNeeded)) return found;
       if (has_times_ && comparison->first_leads()) return std::nullopt;
       if (++counted == kStretchesCounted) break;
       begin += kStretch;
