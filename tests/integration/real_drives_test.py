@@ -1,4 +1,4 @@
-"""The real drives of ../shared/data, where they are there: one pose a scan, and the accuracy that is promised for them."""
+"""The real drives of ../shared/data, where they are there: one pose per scan, and the accuracy that is promised for them."""
 import json
 
 from harness import *
