@@ -16,7 +16,7 @@ case ${1:-} in
     ;;
   shell)
     command -v shellcheck >/dev/null || { echo "skipped: shellcheck is not installed" && exit 77; }
-    { files '*.sh' && echo scripts/hp2-slam packaging/completion.bash; } | xargs shellcheck -x
+    { files '*.sh' && echo scripts/hp2-slam scripts/packaging/completion.bash; } | xargs shellcheck -x
     ;;
   -h | --help) sed -n '2,4s/^# \{0,1\}//p' "$0" ;;
   *) echo "check_style.sh: give format or shell" >&2 && exit 2 ;;

@@ -3,7 +3,7 @@ find_package(hp2), and completion knows the options."""
 from harness import *
 
 BUILD = BIN.parent
-EXAMPLE = SCRIPTS.parent / "packaging" / "examples" / "embed"
+EXAMPLE = SCRIPTS / "packaging" / "examples" / "embed"
 
 
 def output(*command, status=0, **options):

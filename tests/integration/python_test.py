@@ -6,7 +6,7 @@ import sys
 from harness import *
 
 PACKAGE = BIN.parent / "python"
-EXAMPLES = SCRIPTS.parent / "python" / "examples"
+EXAMPLES = SCRIPTS.parent / "common" / "python" / "examples"
 sys.path.insert(0, str(PACKAGE))
 if importlib.util.find_spec("numpy") is None or not list(PACKAGE.glob("hp2slam/_core*.so")):
     print("skipped: the Python package is not built (-DHP2_WITH_PYTHON=ON), or NumPy is missing")
