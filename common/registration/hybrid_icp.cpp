@@ -75,6 +75,23 @@ Step solve(const Matrix6d& information, const Vector6d& gradient, double lever, 
   return step;
 }
 
+double rms_range_m(const std::vector<Eigen::Vector3f>& source) {
+  double squares = 0.0;
+  for (const auto& p : source) squares += static_cast<double>(p.squaredNorm());
+  return std::sqrt(std::max(1e-6, squares / static_cast<double>(source.size())));
+}
+
+// How well the source points lie on the map after the last iteration.
+void describe_fit(const NormalEquations& sums, std::size_t source_points, IcpResult& result) {
+  result.n_planar = sums.planar.count;
+  result.n_non_planar = sums.non_planar.count;
+  const int count = result.n_planar + result.n_non_planar;
+  const double weight = sums.planar.information().topLeftCorner<3, 3>().trace() + sums.non_planar.w;
+  result.rms_m = weight > 0.0 ? std::sqrt((sums.planar.squares + sums.non_planar.squares) / weight) : 0.0;
+  result.fit = sums.fit / static_cast<double>(source_points);
+  result.inlier_ratio = static_cast<double>(count) / static_cast<double>(source_points);
+}
+
 }  // namespace
 
 Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) const {
@@ -156,6 +173,12 @@ IcpResult HybridIcp::refine(LocalMap& map, const std::vector<Eigen::Vector3f>& s
   return iterate(map, source, guess, sigma_m, parallel, true);
 }
 
+// True if the loss has become clearly narrower, so that the next step is no measure of convergence.
+bool HybridIcp::narrow_scales() {
+  const ResidualScales before = std::exchange(scales_, scales_.narrowed(sums_));
+  return scales_.planar_m < kSameScale * before.planar_m || scales_.point_m < kSameScale * before.point_m;
+}
+
 IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                              double sigma_m, const Parallel& parallel, bool refining) {
   IcpResult result;
@@ -164,10 +187,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   if (map.empty() || source.empty()) return result;
   const Eigen::Vector3d origin = origin_.cast<double>() * map.voxel_size_m();
   Pose local(guess.rotation, guess.translation - origin);
-  double lever2 = 0.0;
-  for (const auto& p : source) lever2 += static_cast<double>(p.squaredNorm());
-  const double lever = std::sqrt(std::max(1e-6, lever2 / static_cast<double>(source.size())));
-  result.mean_range_m = lever;
+  const double lever = result.mean_range_m = rms_range_m(source);
 
   Matrix6d information = Matrix6d::Zero();
   in_plane_needed_ = config_.weak_directions;  // until the first iteration has told
@@ -184,21 +204,15 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   if (!refining) scales_ = {sigma_m, sigma_m};
   for (result.iterations = 1; result.iterations <= most; ++result.iterations) {
     if (2 * result.iterations > most) stride = 1;
-    bool narrowing = false;
-    if (refining) {
-      const ResidualScales before = std::exchange(scales_, scales_.narrowed(sums_));
-      narrowing =
-          scales_.planar_m < kSameScale * before.planar_m || scales_.point_m < kSameScale * before.point_m;
-    }
+    const bool narrowing = refining && narrow_scales();
     sums_ = linearise(map, source, stride, local, sigma_m, parallel, result);
-    const NormalEquations& sums = sums_;
     Stopwatch watch;
     Vector6d gradient;
-    information = balance(sums, gradient);
+    information = balance(sums_, gradient);
     // What is reported is what the scan itself has said, without the support.
     Matrix6d total = information;
     if (config_.weak_directions) {
-      result.min_eigenvalue_ratio = support_weak_directions(sums, lever, total, gradient);
+      result.min_eigenvalue_ratio = support_weak_directions(sums_, lever, total, gradient);
     }
     Step step = solve(total, gradient, lever, least_ratio);
     if (!config_.weak_directions) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
@@ -225,14 +239,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     if (length < config_.coarse_step_m) stride = 1;
   }
   result.iterations = std::min(result.iterations, most);
-  const NormalEquations& sums = sums_;
-  result.n_planar = sums.planar.count;
-  result.n_non_planar = sums.non_planar.count;
-  const int count = result.n_planar + result.n_non_planar;
-  const double weight = sums.planar.information().topLeftCorner<3, 3>().trace() + sums.non_planar.w;
-  result.rms_m = weight > 0.0 ? std::sqrt((sums.planar.squares + sums.non_planar.squares) / weight) : 0.0;
-  result.fit = sums.fit / static_cast<double>(source.size());
-  result.inlier_ratio = static_cast<double>(count) / static_cast<double>(source.size());
+  describe_fit(sums_, source.size(), result);
   // About the source's origin instead of the local one: x_local = x_source + phi cross t.
   Matrix6d shift = Matrix6d::Identity();
   shift.topRightCorner<3, 3>() = -skew(local.translation);

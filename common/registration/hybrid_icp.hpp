@@ -164,6 +164,7 @@ class HybridIcp {
   void classify(const LocalMap& map, const Pose& local_from_source, Part& part);
   void look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor, Correspondence& c) const;
   void accumulate(const Selection& source, const Pose& local_from_source, double sigma_m, Part& part) const;
+  bool narrow_scales();
   double support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
                                  Vector6d& gradient);
   Matrix6d balance(const NormalEquations& sums, Vector6d& gradient) const;
