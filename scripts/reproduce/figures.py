@@ -97,7 +97,6 @@ def write_pages(rows, known, command):
 
 Accuracy and speed of the front-end alone, one configuration (the defaults) for all drives. Written by `{command}` on
 {platform.machine()}, {processor()}, at a load average of {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors; do not edit.
-Older figures, and how they vary: [figures_0.1.md](figures_0.1.md).
 
 {table(head, rows)}
 
