@@ -96,7 +96,9 @@ status_t Presence::status() const {
 
 void Presence::poll(bool force) {
   const std::int64_t now = endpoint_.bus().now_us();
-  if (!force && now - last_us_ < kPeriodUs) return;
+  // A new remark is told at once: in a short run its turn would come after the viewer has written.
+  const bool remark = told_ < warnings_.size() && endpoint_.session_id() != 0;
+  if (!force && !remark && now - last_us_ < kPeriodUs) return;
   last_us_ = now;
   const Bus& bus = endpoint_.bus();
   endpoint_.counters()[bus.passes_over() ? "datagrams_passed_over" : "datagrams_dropped"] = bus.dropped();
@@ -105,7 +107,11 @@ void Presence::poll(bool force) {
   while (now - history_.front().first > kRateWindowUs) history_.pop_front();
   status_t m = status();
   const auto turn = static_cast<std::size_t>(m.number) % (2 * std::max<std::size_t>(1, warnings_.size()));
-  if (turn % 2 == 1 && !warnings_.empty()) m.text = kWarningMark + warnings_[turn / 2];
+  if (remark) {
+    m.text = kWarningMark + warnings_[told_++];
+  } else if (turn % 2 == 1 && !warnings_.empty()) {
+    m.text = kWarningMark + warnings_[turn / 2];
+  }
   ++number_;
   endpoint_.publish(kStatusChannel, m);
 }

@@ -80,6 +80,7 @@ class Presence {
   std::string process_, host_;
   Report report_;
   std::vector<std::string> warnings_, all_warnings_;
+  std::size_t told_ = 0;  // warnings that have been sent
   std::int64_t number_ = 0, last_us_ = 0;
   std::deque<std::pair<std::int64_t, std::int64_t>> history_;  // (time, done)
   std::map<std::int64_t, Peer> peers_;

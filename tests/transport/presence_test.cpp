@@ -55,6 +55,22 @@ TEST(Presence, AFloodDrivesOutNoProcessOfTheSession) {
   EXPECT_EQ(listener.presence.live("hp2_frontend"), nullptr);
 }
 
+TEST(Presence, EachRemarkIsHeardAtOnce) {
+  FakeNetwork network;
+  Listener listener(network), player(network);
+  const auto polls = [&] {
+    player.presence.poll();
+    network.step(kStepUs);
+  };
+  for (const char* remark : {"scan 3 is damaged", "scan 4 is damaged"}) player.presence.warn(remark);
+  polls();
+  polls();
+  EXPECT_EQ(listener.presence.warnings().size(), 2U);
+  const std::int64_t number = player.presence.number();
+  polls();
+  EXPECT_EQ(player.presence.number(), number) << "nothing new is said";
+}
+
 TEST(Presence, WhoIsSilentIsMissedUnlessItEndedOrIsDead) {
   FakeNetwork network;
   Listener listener(network);
