@@ -17,7 +17,7 @@ import tokenize
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 MOST_WORDS = 40
-UNITS = r"(?:ms|us|MB|kB|GB|bytes|points|poses?|one|once|two|three|half|lines?|twice)"
+UNITS = r"(?:ms|us|MB|kB|GB|bytes|points|poses?|one|once|two|three|lines?|twice)"
 THINGS = r"(?:scan|submap|sweep|voxel|file|line|point|message|metre|session|type|piece|process|row|stage)"
 PRIVATE = [  # (what is flagged, what to write)
     (rf"\b{UNITS} an? {THINGS}\b", "per scan, per submap, ..."),
