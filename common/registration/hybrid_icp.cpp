@@ -11,19 +11,20 @@
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kFewPoints = 800;  // are enough to tell a long step's direction
-// An answer of the search is to stand while the point moves by this much [m]: some steps, within bounds.
+constexpr std::size_t kFewPoints = 800;  // enough for the direction of a long step
+// A neighbour found by the search stays valid while the point moves by this much [m]: some steps, bounded.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
 
-// Of a refinement: iterations at most; scales that are this share of the last ones no longer change; and
-// directions whose eigenvalue is below this share of the largest stay as they are: there, what a narrow scale
-// would leave out may be all that tells the motion (a highway, a corridor).
+// Refinement. Iterations at most; the scales have settled when they are this share of the last ones.
 constexpr int kMostRefining = 5;
-constexpr double kSameScale = 0.8, kRefinedDirections = 0.08;
-// The registration before it ends at steps that are longer by this factor, where no direction is weak.
+constexpr double kSameScale = 0.8;
+// Directions whose eigenvalue is below this share of the largest are not refined: the residuals that a narrow
+// scale rejects may be the only ones that determine them (a highway, a corridor).
+constexpr double kRefinedDirections = 0.08;
+// The registration before a refinement stops at steps longer by this factor, where no direction is weak.
 constexpr double kBeforeRefining = 2.0;
 
-// By how much steps are lengthened: once, twice, three times as long while they go on in one direction.
+// Factor by which steps are lengthened: 1, 2, 3 while they keep their direction.
 class Acceleration {
  public:
   static constexpr int kMostIterations = 15;
@@ -37,7 +38,7 @@ class Acceleration {
   }
 
  private:
-  // A usual scan has converged before kFirst; farther than kMost a step leaves what was matched behind.
+  // A usual scan has converged before kFirst. Beyond kMost a step would leave the matched surfaces behind.
   static constexpr int kFirst = 6;
   static constexpr double kSame = 0.9, kMost = 3.0;  // kSame: cosine of the angle between them
   Vector6d last_ = Vector6d::Zero();
@@ -81,7 +82,7 @@ double rms_range_m(const std::vector<Eigen::Vector3f>& source) {
   return std::sqrt(std::max(1e-6, squares / static_cast<double>(source.size())));
 }
 
-// How well the source points lie on the map after the last iteration.
+// How well the source points fit the map after the last iteration.
 void describe_fit(const NormalEquations& sums, std::size_t source_points, IcpResult& result) {
   result.n_planar = sums.planar.count;
   result.n_non_planar = sums.non_planar.count;
@@ -114,11 +115,11 @@ Matrix6d HybridIcp::balance(const NormalEquations& sums, Vector6d& gradient) con
   return alpha * sums.planar.information() + (1.0 - alpha) * sums.non_planar.information();
 }
 
-// A plane says nothing of the motion along itself, so where nearly all is planar some direction is left to a
-// few points that alpha has made light: on a bridge, the one along it. There, and only there, the planar
-// correspondences' in-plane residuals are heard as well; elsewhere they would hold the sensor to the pattern
-// of its own scan lines. Returns the
-// smallest eigenvalue as a share of the largest, as it was before.
+// A plane does not constrain motion along itself. Where nearly all correspondences are planar, some direction
+// is left to a few points that alpha weighs down: on a bridge, the one along it. Only in such directions the
+// in-plane residuals of planar correspondences are added. Elsewhere they would hold the sensor to the pattern
+// of its own scan lines.
+// @return smallest eigenvalue over the largest, before the addition
 double HybridIcp::support_weak_directions(const NormalEquations& sums, double lever, Matrix6d& information,
                                           Vector6d& gradient) {
   const int count = sums.planar.count + sums.non_planar.count;
@@ -127,7 +128,7 @@ double HybridIcp::support_weak_directions(const NormalEquations& sums, double le
   scale << 1.0, 1.0, 1.0, 1.0 / lever, 1.0 / lever, 1.0 / lever;
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale.asDiagonal() * information * scale.asDiagonal());
   const double weak = config_.weak_direction_ratio * eigen.eigenvalues()[5];
-  // Kept in sight a little longer: the next iteration may find the direction weak again.
+  // With a margin of two: the next iteration may find the direction weak again.
   in_plane_needed_ = eigen.eigenvalues()[0] < 2.0 * weak;
   const double largest = eigen.eigenvalues()[5];
   const double ratio = largest > 0.0 ? std::max(0.0, eigen.eigenvalues()[0] / largest) : 0.0;
@@ -142,7 +143,7 @@ double HybridIcp::support_weak_directions(const NormalEquations& sums, double le
 }
 
 ResidualScales ResidualScales::narrowed(const NormalEquations& sums) const {
-  // Of the residuals' RMS, and no less than what noise, deskewing and the map's spacing leave in them.
+  // Factors on the residuals' RMS, and floors for what noise, deskewing and the map's spacing leave in them.
   constexpr double kPlanar = 1.5, kLeastPlanar = 0.05, kPoint = 1.2, kLeastPoint = 0.1;
   return {std::min(planar_m, std::max(kLeastPlanar, kPlanar * sums.planar.rms_m())),
           std::min(point_m, std::max(kLeastPoint, kPoint * sums.non_planar.rms_m()))};
@@ -150,7 +151,7 @@ ResidualScales ResidualScales::narrowed(const NormalEquations& sums) const {
 
 IcpResult HybridIcp::align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                            double sigma_m, const Parallel& parallel) {
-  // All sums are taken about a voxel corner near the sensor: well conditioned, and floats keep their digits.
+  // Sums are taken about a voxel corner near the sensor, for conditioning and for the precision of floats.
   origin_ = map.locate(guess.translation).voxel;
   correspondences_.assign(source.size(), Correspondence());
   return iterate(map, source, guess, sigma_m, parallel, false);
@@ -190,8 +191,8 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   const double lever = result.mean_range_m = rms_range_m(source);
 
   Matrix6d information = Matrix6d::Zero();
-  in_plane_needed_ = config_.weak_directions;  // until the first iteration has told
-  // Few points tell a long step's direction as well as many.
+  in_plane_needed_ = config_.weak_directions;  // unknown before the first iteration
+  // Few points are enough for the direction of a long step.
   const bool coarse_first = !refining && config_.coarse_step_m > 0.0 && source.size() > kFewPoints;
   margin_m_ = kMostMargin;
   std::size_t stride = coarse_first ? source.size() / kFewPoints : 1;
@@ -209,7 +210,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     Stopwatch watch;
     Vector6d gradient;
     information = balance(sums_, gradient);
-    // What is reported is what the scan itself has said, without the support.
+    // The reported ratio is the scan's own, without the support.
     Matrix6d total = information;
     if (config_.weak_directions) {
       result.min_eigenvalue_ratio = support_weak_directions(sums_, lever, total, gradient);
@@ -217,7 +218,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
     Step step = solve(total, gradient, lever, least_ratio);
     if (!config_.weak_directions) result.min_eigenvalue_ratio = step.min_eigenvalue_ratio;
     result.unobserved_directions = step.unobserved;
-    // Where a refinement goes on in all directions, the rest is left to it.
+    // Where a refinement follows in all directions, the rest is left to it.
     const bool to_be_refined =
         config_.refinement && !refining && !accelerated_ && result.min_eigenvalue_ratio >= kRefinedDirections;
     const bool converged = stride == 1 && !narrowing &&
@@ -234,7 +235,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
       result.converged = true;
       break;
     }
-    // What is searched now is asked again after steps that become shorter and shorter.
+    // Neighbours found now are used again after steps that become shorter and shorter.
     margin_m_ = std::clamp(kMarginSteps * static_cast<float>(length), kLeastMargin, kMostMargin);
     if (length < config_.coarse_step_m) stride = 1;
   }

@@ -1,5 +1,5 @@
 // Adaptive hybrid ICP (paper, sec. "Problem Formulation"): point-to-plane where the map is planar,
-// point-to-point where it is not, balanced by what is seen, Geman-McClure with c = sigma, Gauss-Newton on
+// point-to-point where it is not, balanced by alpha. Geman-McClure loss with c = sigma, Gauss-Newton on
 // se(3).
 #pragma once
 #include <array>
@@ -46,11 +46,11 @@ struct IcpConfig {
       1e-4;  ///< Directions below this share of the largest eigenvalue are not observed.
 };
 
-/// Scales c of the robust loss, a kind of residual [m].
+/// Scales c of the robust loss, one per kind of residual [m].
 struct ResidualScales {
   double planar_m = 0.0, point_m = 0.0;
 
-  /// Narrower ones: not much wider than the residuals that `sums`, taken with these, has heard.
+  /// Narrower scales: not much wider than the RMS residuals of `sums`, which were taken with these.
   ResidualScales narrowed(const NormalEquations& sums) const;
 };
 
@@ -71,7 +71,7 @@ struct IcpResult {
   int unobserved_directions = 0;
   double ms_search = 0.0, ms_planarity = 0.0, ms_solve = 0.0;
 
-  /// Counts the work of the registration before it, which it went on from, as its own.
+  /// Adds the work of the registration that this one continues.
   void add_work(const IcpResult& before) {
     iterations += before.iterations;
     ms_search += before.ms_search;
@@ -92,9 +92,8 @@ class HybridIcp {
   const IcpConfig& config() const { return config_; }
   /// Iterations of a registration at most, from now on.
   void set_max_iterations(int n) { config_.max_iterations = n; }
-  /// Whether steps that go on in one direction are lengthened from now on, up to three times, and iterations
-  /// are 15 at most: for an initialisation, whose prediction may be off by many steps along a weakly observed
-  /// direction.
+  /// From now on, lengthens steps that keep their direction up to three times, with at most 15 iterations.
+  /// For an initialisation: its prediction may be off by many steps along a weakly observed direction.
   void set_accelerated(bool on) { accelerated_ = on; }
 
   /// @param map    its planarity cache is brought up to date where it is needed
@@ -103,14 +102,13 @@ class HybridIcp {
   /// @param sigma_m scale of the robust loss; correspondences beyond 3 sigma are rejected
   IcpResult align(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                   double sigma_m, const Parallel& parallel);
-  /// The same for the points of the last align() after they have moved a little (deskewed anew) and before
-  /// the map has changed: what was found for them is kept where it still stands.
+  /// The same for the points of the last align() after they have moved a little (deskewed again), while the
+  /// map is unchanged. Correspondences that are still valid are kept.
   IcpResult align_again(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                         double sigma_m, const Parallel& parallel);
-  /// The same, for a pose that is right but for a last step: residuals that differ from what most of their
-  /// kind are, whatever sigma is, are no longer heard. What the map does not know yet lies behind what it
-  /// knows, so a wide scale hears it from one side only, and holds the sensor back. Only in directions that
-  /// are well observed, and a few iterations at most.
+  /// The last few iterations, from a pose that is nearly right, in well observed directions only. The scale
+  /// is as narrow as the residuals, whatever sigma is, so outliers have no weight. With a wide scale,
+  /// surfaces that the map does not hold yet lie on one side of those that it holds, and bias the pose.
   IcpResult refine(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                    double sigma_m, const Parallel& parallel);
   /// Source points on surfaces which the map knows from the other side
@@ -119,9 +117,9 @@ class HybridIcp {
   ///               elsewhere
   void turned_points(const IcpResult& result,
                      std::vector<std::pair<std::uint32_t, Eigen::Vector3f>>& out) const;
-  /// Soft share of the source points that lie within some 0.2 m of the map's surface, 0..1, of 1,500 of them
-  /// or so; unlike IcpResult::fit whatever sigma is. To be asked before the map takes the points;
-  /// align_again() cannot go on after it.
+  /// Soft share of source points within about 0.2 m of the map's surface, 0..1, from about 1,500 of them.
+  /// Unlike IcpResult::fit it does not depend on sigma. Call it before the points are added to the map;
+  /// align_again() cannot follow it.
   double agreement(LocalMap& map, const std::vector<Eigen::Vector3f>& source, const Pose& map_from_source,
                    const Parallel& parallel);
 
@@ -139,7 +137,7 @@ class HybridIcp {
     bool line = false, scan_line = false;
     float seen_from_m = 0.0F;  // distance from which the map saw the target; 0: not known
   };
-  // What one iteration leaves of a block of source points.
+  // Results of one iteration for a block of source points.
   struct Part {
     NormalEquations sums;
     std::vector<std::uint32_t> fresh;     // correspondences found by this iteration's search
@@ -173,7 +171,7 @@ class HybridIcp {
   bool accelerated_ = false, refining_ = false;
   Voxel3i origin_ = Voxel3i::Zero();  // voxel whose corner is the local origin
   std::vector<Correspondence> correspondences_;
-  Pose outcome_;  // that they are of
+  Pose outcome_;  // to which they belong
   std::vector<Part> parts_;
   // Scales of the robust loss [m], and what the last iteration has summed with them.
   ResidualScales scales_;

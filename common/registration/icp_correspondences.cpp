@@ -1,5 +1,5 @@
-// What an iteration does for every source point: its nearest map point, whether the map is planar there, and
-// its part of the normal equations.
+// The part of an iteration that runs for every source point: nearest map point, planarity of the map there,
+// and the terms of the normal equations.
 #include <algorithm>
 #include <cmath>
 
@@ -9,7 +9,7 @@
 namespace hp2 {
 namespace {
 
-// Source points a block; fixed, so that sums do not depend on the threads.
+// Source points per block; fixed, so that sums do not depend on the number of threads.
 constexpr std::size_t kBlock = PlaneBatch::kMost;
 
 // IRLS weight of the Geman-McClure loss rho(e) = e^2 / (e^2 + c^2), up to the constant factor 2, times
@@ -19,14 +19,14 @@ float robust_weight(float squared_error, float c2, float per_sigma2) {
   return d * d * per_sigma2;
 }
 
-constexpr std::size_t kAhead = 6;     // queries that the memory is asked for before their turn
+constexpr std::size_t kAhead = 6;     // queries to prefetch ahead
 constexpr float kFit2 = 0.5F * 0.5F;  // [m^2], scale of IcpResult::fit
 constexpr float kEmptyMove = 0.2F;    // of a voxel
 constexpr float kFar = 50.0F;         // [m]: seen from there, a non-planar point weighs half when refining
 
-// A line's normal is one of many. Where a sensor draws single lines, a ring on the ground ahead, it may well
-// lie flat, and would then hold the sensor to its own pattern, which moves with it. What lies at one
-// elevation for the sensor is such a line, or cannot be told from one.
+// A line has many normals. Where a sensor draws single lines, such as a ring on the ground ahead, the normal
+// may lie flat. It would then hold the sensor to its own scan pattern, which moves with it. A line at one
+// elevation for the sensor is such a ring, or cannot be distinguished from one.
 bool is_scan_line(const Eigen::Vector3f& line, const Eigen::Vector3f& to_sensor,
                   const Eigen::Vector3f& sensor_axis) {
   constexpr float kLevel = 0.3F;  // sine of the angle to the line of one elevation
@@ -50,8 +50,8 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
     Correspondence& c = correspondences_[i];
     const Eigen::Vector3f p = r * source.points[i] + t;
     if (c.other_distance >= 0.0F) {
-      // The last answer stands while no other point can have become nearer than the one it named; that
-      // there was none stands until the point has moved by a part of a voxel.
+      // The last neighbour stays valid while no other point can have become nearer. "No neighbour" stays
+      // valid until the point has moved by a part of a voxel.
       const float moved = (p - c.searched_at).norm();
       if (c.voxel < 0 && moved < kEmptyMove * edge) continue;
       const float distance = c.voxel >= 0 ? (p - c.target).norm() : c.other_distance;
@@ -81,8 +81,8 @@ void HybridIcp::search(const LocalMap& map, const Selection& source, const Pose&
   part.fresh.resize(found);
 }
 
-// The map's answer, or one of our own where that is stale. Neighbours in a sweep ask for the same voxel in
-// turn.
+// The map's planarity, or one computed here where that is stale. Consecutive points often need the same
+// voxel.
 const Planarity& HybridIcp::shape_of(const LocalMap& map, std::int32_t voxel, Part& part) {
   if (!map.planarity_stale(voxel)) return map.planarity(voxel);
   std::uint32_t& recent = part.recent[static_cast<std::uint32_t>(voxel) % part.recent.size()];
@@ -93,9 +93,8 @@ const Planarity& HybridIcp::shape_of(const LocalMap& map, std::int32_t voxel, Pa
   return part.planarities[recent].second;
 }
 
-// What is seen ahead is seen from behind once the sensor has passed it. Of a thin thing, a post, a sign, a
-// railing, that is another surface: measured nearer, and matched with the front it would hold the sensor back
-// by the thing's thickness every time.
+// A thin object ahead (a post, a sign, a railing) is seen from behind once the sensor has passed it. That is
+// another surface. Matched with the front, it would hold the sensor back by the object's thickness each time.
 void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& sensor,
                                   Correspondence& c) const {
   constexpr float kFarther = 0.3F;  // [m], than the nearest point
@@ -109,7 +108,7 @@ void HybridIcp::look_on_this_side(const LocalMap& map, const Eigen::Vector3f& se
   c.hidden = other.voxel < 0;
   if (c.hidden) return;
   c.target = corner + other.offset;
-  c.other_distance = 0.0F;  // does not stand when the point moves
+  c.other_distance = 0.0F;  // not valid once the point moves
 }
 
 void HybridIcp::turned_points(const IcpResult& result,
@@ -185,7 +184,7 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
             {p.x(), p.y(), p.z(), d.x(), d.y(), d.z(), robust_weight(squared, sigma2, per_sigma2)});
       }
     } else if (!plane_only) {
-      // What was seen from far lies where that scan's bearing, and the gaps between its rays, have put it.
+      // Points seen from far have the errors of that scan's bearing and of the gaps between its rays.
       const float far = refining_ ? c.seen_from_m / kFar : 0.0F;
       points.add({p.x(), p.y(), p.z(), d.x(), d.y(), d.z(),
                   robust_weight(squared, point2, per_sigma2) / (1.0F + far * far)});

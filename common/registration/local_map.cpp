@@ -157,7 +157,7 @@ void LocalMap::add_point(std::int32_t index, const Eigen::Vector3f& offset, cons
   add_moments(index, offset);
 }
 
-// The sums are made anew, in the points' order, as load() will make them.
+// Computes the sums again in the points' order, as load() does.
 void LocalMap::replace_point(std::int32_t index, std::int32_t slot, const Eigen::Vector3f& offset,
                              const View& view) {
   set_point(index, slot, offset, view);
@@ -187,8 +187,8 @@ void LocalMap::mark_neighbours_stale(std::int32_t index) {
   }
 }
 
-// Most points fall where the map is full already. They are found in parallel, by reading only: what has no
-// room now has none after others were added.
+// Most points fall into voxels that are full already. These points are found in parallel without writing: a
+// point without room now has none after others were added.
 void LocalMap::find_candidates(const std::vector<Eigen::Vector3f>& points, const Pose& map_from_points,
                                const Parallel& parallel, const std::optional<Eigen::Vector3d>& seen_from) {
   constexpr std::size_t kPart = 2048;

@@ -1,8 +1,8 @@
-// The local map: a hash of blocks of 4x4x4 voxels. A voxel holds a few spread-out points, five of them to a
-// cache line together with their number, and their moment sums; a neighbourhood of 27 voxels is reached
-// through links between blocks, with at most one hash look-up for all of it. Whoever asks for many voxels
-// asks the memory for them a few queries ahead. Every point remembers from where it was seen: the front and
-// the back of a thin thing are two surfaces.
+// The local map: a hash of blocks of 4x4x4 voxels.
+// A voxel holds a few spread-out points, five per cache line together with their number, and their moment
+// sums. A neighbourhood of 27 voxels is reached through links between blocks, with at most one hash look-up
+// for all of it. Callers with many queries prefetch a few queries ahead. Every point remembers from where it
+// was seen: the front and the back of a thin object are two surfaces.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -29,20 +29,19 @@ struct NearestPoint {
   std::int32_t slot = 0;    ///< Which of the voxel's points.
   Eigen::Vector3f offset = Eigen::Vector3f::Zero();  ///< From the corner of the query's voxel [m].
   float distance_m = std::numeric_limits<float>::infinity();
-  /// No other map point is nearer to the query than this [m]: while the query has moved by less than
-  /// (other_distance_m - its distance to this point), the point is still its nearest one.
+  /// No other map point is nearer to the query than this [m]. The point stays its nearest one while the query
+  /// has moved by less than other_distance_m minus its distance to the point.
   float other_distance_m = 0.0F;
 };
 
 /// Voxel-hashed local map in a fixed frame. Const members may run in parallel.
 class LocalMap {
  public:
-  static constexpr int kReach = (1 << 22) - 8;  ///< Voxels; farther ones would share others' numbers.
+  static constexpr int kReach = (1 << 22) - 8;  ///< [voxels] Beyond it two voxels would share one key.
   /// @param voxel_size_m         edge of a voxel [m], > 0
   /// @param max_points_per_voxel a voxel takes no more points than this, 1..255
   /// @param min_spacing_m        points of one voxel are at least this far apart [m]
-  /// @param wide                 where the 27 voxels around a point tell no plane, its shape is that of the
-  /// 125
+  /// @param wide                 where the 27 voxels around a point show no plane, take its shape from 125
   LocalMap(double voxel_size_m, int max_points_per_voxel, double min_spacing_m, bool wide = false);
   double voxel_size_m() const { return voxel_size_; }
   std::size_t point_count() const { return point_count_; }
@@ -65,8 +64,8 @@ class LocalMap {
                        const Parallel& parallel,
                        const std::optional<Eigen::Vector3d>& seen_from = std::nullopt);
   void insert_candidates();
-  /// Adds a point of a surface that the map knows from its other side only: that side's points are no reason
-  /// to leave it out, and where the voxel is full it takes the place of one of them.
+  /// Adds a point of a surface that the map holds from its other side only. That side's points do not exclude
+  /// it, and where the voxel is full it replaces one of them.
   /// @param normal    of the surface at `p` [m], unit, either way
   /// @param seen_from where the sensor is [m]
   void insert_other_side(const Eigen::Vector3d& p, const Eigen::Vector3f& normal,
@@ -78,32 +77,31 @@ class LocalMap {
   /// Drops all blocks whose centre is further than `radius_m` from `centre`.
   void remove_far(const Eigen::Vector3d& centre, double radius_m);
 
-  /// Where the last query was: the next one, if it is near, finds its block without a hash look-up. Valid
+  /// Block of the last query: the next query, if it is near, finds its block without a hash look-up. Valid
   /// until the map changes.
   struct Cursor {
     Voxel3i block = Voxel3i::Zero();
     std::int32_t index = -1;  ///< -1: none yet.
   };
 
-  /// A query on its way to an answer.
+  /// A query in progress.
   struct Probe {
     VoxelPoint at;
     std::int32_t block = -1;  ///< That it falls in; -1: there is none.
     std::int32_t count = 0;   ///< Of `voxels`.
-    /// Those that have points, of the eight around the corner nearest to the query.
+    /// Occupied ones among the eight around the corner nearest to the query.
     std::array<std::int32_t, 8> voxels;
     std::array<std::uint8_t, 8> corners;  ///< Which of the eight they are.
   };
-  /// Begins a query and asks the memory for its block; look_around() finds the voxels most likely to hold the
-  /// answer and asks for their points. Both, in this order, to be called before nearest(), better some
-  /// queries ahead.
+  /// Begins a query and prefetches its block. look_around() finds the voxels most likely to hold the nearest
+  /// point and prefetches their points. Call both, in this order, before nearest(), better some queries
+  /// ahead.
   Probe probe(const VoxelPoint& at, Cursor& cursor) const;
   void look_around(Probe& probe) const;
 
   /// Nearest point to a query among the 27 voxels around it.
-  /// @param margin_m [m]; NearestPoint::other_distance_m may stop short at the nearest distance plus this,
-  ///                 where the eight voxels around the query do not tell more: what lies beyond is not looked
-  ///                 at
+  /// @param margin_m [m]; NearestPoint::other_distance_m may be cut at the nearest distance plus this: what
+  ///                 lies beyond is not searched
   NearestPoint nearest(const Probe& query, float margin_m) const;
   NearestPoint nearest(const VoxelPoint& query) const {
     Cursor cursor;
@@ -125,8 +123,8 @@ class LocalMap {
     return line.point(slot % kPointsPerLine);
   }
 
-  /// Unit vector from the point to the sensor that saw it, to half a degree; zero: not known. Worth asking
-  /// the memory for ahead.
+  /// Unit vector from the point to the sensor that saw it, to half a degree; zero: not known. Worth a
+  /// prefetch.
   Eigen::Vector3f view(std::int32_t i, std::int32_t slot) const {
     return view_of(i, slot).head<3>().cast<float>() / kViewUnit;
   }
@@ -157,10 +155,10 @@ class LocalMap {
     const Voxel& voxel = voxels_[static_cast<std::size_t>(i)];
     return (blocks_[static_cast<std::size_t>(voxel.block)].stale >> voxel.cell & 1U) != 0;
   }
-  /// Computes it anew, or takes what analyse(neighbourhood_moments(i)) gave.
+  /// Computes it again, or stores what analyse(neighbourhood_moments(i)) returned.
   void update_planarity(std::int32_t i) { set_planarity(i, shape(i)); }
-  /// Shape of the 27 voxels around voxel i; in a wide map of the 125 where those hold too few points or only
-  /// a line, as a few scan lines do.
+  /// Shape of the 27 voxels around voxel i. In a wide map, of the 125 voxels where those hold too few points,
+  /// or only a line.
   Planarity shape(std::int32_t i) const;
   void set_planarity(std::int32_t i, const Planarity& planarity) {
     planarities_[static_cast<std::size_t>(i)] = planarity;
@@ -196,14 +194,14 @@ class LocalMap {
   // From where a point was seen: the direction, of length kViewUnit, and the distance [m]; all zero: not
   // known.
   using View = Eigen::Matrix<std::int8_t, 4, 1>;
-  // A cache line of a voxel: its first one says how many points the voxel has in all.
+  // A cache line of a voxel; the first one holds the number of the voxel's points.
   struct alignas(64) Line {
     std::int32_t count = 0;
     float xyz[3][kPointsPerLine];  // offsets from the voxel's corner [m]
 
     Line() { std::fill(&xyz[0][0], &xyz[0][0] + 3 * kPointsPerLine, kNowhere); }
     Eigen::Vector3f point(std::int32_t s) const { return {xyz[0][s], xyz[1][s], xyz[2][s]}; }
-    // Squared distances of all slots to a place.
+    // Squared distances of all slots to a position.
     void distances2(const Eigen::Vector3f& from, float (&d2)[kPointsPerLine]) const {
       for (std::int32_t s = 0; s < kPointsPerLine; ++s) {
         const float dx = xyz[0][s] - from.x(), dy = xyz[1][s] - from.y(), dz = xyz[2][s] - from.z();
@@ -227,7 +225,7 @@ class LocalMap {
     std::array<std::int32_t, 27> neighbours;          // block indices, -1: none; 13 is the block itself
     std::array<std::int32_t, 64> cells;               // voxel indices, -1: empty
   };
-  // Points that their voxels may have room for, of one part of the scan.
+  // Points of one part of the scan that their voxels may have room for.
   struct Candidates {
     std::vector<Probe> probes, candidates;
   };
@@ -242,13 +240,13 @@ class LocalMap {
   std::int32_t find_block(const Voxel3i& block, Cursor& cursor) const;
   std::int32_t add_block(const Voxel3i& block);
   void remove_block(std::int32_t b);
-  // The voxel at these coordinates, in block b; made if there is none.
+  // The voxel at these coordinates, in block b; created if there is none.
   std::int32_t find_or_add_voxel(const Voxel3i& coordinates, std::int32_t b);
   void add_point(std::int32_t voxel, const Eigen::Vector3f& offset, const View& view);
   void replace_point(std::int32_t voxel, std::int32_t slot, const Eigen::Vector3f& offset, const View& view);
   void set_point(std::int32_t voxel, std::int32_t slot, const Eigen::Vector3f& offset, const View& view);
   void add_moments(std::int32_t voxel, const Eigen::Vector3f& offset);
-  // The voxel of a place anywhere; made if there is none.
+  // The voxel at any position; created if there is none.
   std::int32_t voxel_at(const Voxel3i& coordinates);
   static View quantised(const Eigen::Vector3d& to_sensor);
   const View& view_of(std::int32_t i, std::int32_t slot) const {
@@ -275,7 +273,7 @@ class LocalMap {
   double min_spacing_;
   float min_spacing2_, half_;  // half_: of a voxel's edge [m]
   std::size_t point_count_ = 0;
-  bool all_stale_ = true;  // as every voxel is that set_planarity() was not called for
+  bool all_stale_ = true;  // no set_planarity() since
   tsl::robin_map<std::uint64_t, std::int32_t, VoxelKeyHash> block_index_;
   std::vector<Block> blocks_;
   std::vector<std::int32_t> free_blocks_;

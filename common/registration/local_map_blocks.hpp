@@ -1,5 +1,5 @@
-// How the local map's voxels are numbered: 4x4x4 voxels a block, 27 neighbours of a voxel or a block. Used by
-// local_map*.cpp only.
+// How the local map's voxels are numbered: 4x4x4 voxels per block, 27 neighbours of a voxel or a block. Used
+// by local_map*.cpp only.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -44,8 +44,8 @@ struct Step {
 struct Tables {
   std::array<Reach, 64> reach;       ///< Of the 27 voxels around each cell.
   std::array<Reach, 64> wide_reach;  ///< Of the 125 voxels around each cell.
-  /// For each cell, and each of its corners (bit a: the upper one along axis a): the eight voxels that meet
-  /// there, bit a of their number: the neighbour along axis a instead of the cell itself.
+  /// The eight voxels that meet at each corner of each cell. Bit a of a corner's number: the upper one along
+  /// axis a. Bit a of a voxel's number: the neighbour along axis a instead of the cell itself.
   std::array<std::array<Step, 8>, 512> octants;
 
   static Reach reach_of(const Eigen::Vector3i& cell, int radius) {

@@ -1,4 +1,4 @@
-// What is asked of the local map for every correspondence: the nearest point, and the moments around it.
+// Queries of the local map for every correspondence: the nearest point, and the moments around it.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -65,9 +65,9 @@ void LocalMap::look_around(Probe& p) const {
   }
 }
 
-// First the eight voxels at the query's corner: they hold everything up to the nearest of their outer faces,
-// half a voxel away at least, and all their points are looked at without a branch. Then, if that did not
-// settle it, all 27.
+// First the eight voxels at the query's corner. They hold every point up to their nearest outer face, which
+// is at least half a voxel away; their points are compared without a branch. If a nearer point may lie
+// beyond, all 27 are searched.
 NearestPoint LocalMap::nearest(const Probe& query, float margin_m) const {
   if (query.count == 0 || lines_per_voxel_ > 1) return nearest_of_27(query, margin_m);
   const auto edge = static_cast<float>(voxel_size_);
@@ -144,7 +144,7 @@ NearestPoint LocalMap::nearest_of_27(const Probe& query, float margin_m) const {
   const Slabs xs(q.offset.x(), edge), ys(q.offset.y(), edge), zs(q.offset.z(), edge);
   NearestPoint best;
   float best2 = std::numeric_limits<float>::infinity();
-  // Nothing that is not in the 27 voxels is nearer than their common border.
+  // No point outside the 27 voxels is nearer than their common border.
   const float beyond = edge + std::min(q.offset.minCoeff(), edge - q.offset.maxCoeff());
   const float beyond2 = beyond * beyond;
   float other2 = beyond2;

@@ -1,4 +1,4 @@
-// Thin things have two sides, and the map keeps them apart by the views that their points were seen from.
+// Thin objects have two sides. The map keeps them apart by the directions from which points were seen.
 #include <algorithm>
 #include <cmath>
 

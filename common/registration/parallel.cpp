@@ -31,8 +31,8 @@ inline void pause() {
 
 }  // namespace
 
-// A thread begins with its own share of the blocks, the same one in every loop, so that what it wrote in one
-// loop is in its cache in the next; then it helps the others.
+// A thread begins with its own share of the blocks, which is the same in every loop: what it wrote in one
+// loop is in its cache in the next. Then it helps the others.
 struct WorkerPool::Impl {
   struct Job {
     std::size_t blocks = 0;

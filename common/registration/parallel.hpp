@@ -1,5 +1,5 @@
-// Deterministic parallel loops: the work is cut into blocks whose number depends on the work alone, never on
-// the number of threads, so that sums taken block by block come out the same to the last bit.
+// Deterministic parallel loops. The number of blocks depends on the work alone, never on the number of
+// threads, so sums taken block by block are the same to the last bit.
 #pragma once
 #include <algorithm>
 #include <cstddef>
@@ -7,9 +7,9 @@
 
 namespace hp2 {
 
-/// Threads that take blocks of a loop beside the calling one. Between the loops of a scan, which follow each
-/// other within microseconds, they wait awake; left alone for some 30 microseconds they sleep. (A task
-/// library's threads go to sleep between two loops: some forty wake-ups a scan, a quarter of its time.)
+/// Threads that take blocks of a loop beside the calling one. The loops of a scan follow each other within
+/// microseconds: threads spin between them, and sleep after 30 microseconds without work. A task library's
+/// threads would sleep between two loops: about forty wake-ups per scan, a quarter of its time.
 class WorkerPool {
  public:
   /// @param workers threads beside the calling one, at least 1

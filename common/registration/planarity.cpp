@@ -50,8 +50,8 @@ SmallestEigen smallest_eigenvector(const Eigen::Matrix3d& m) {
     out.normal = Eigen::Vector3d::UnitZ();
     return out;
   }
-  // Newton's method on the characteristic polynomial x^3 - x^2 + c1 x - c0 of m / trace, from 0: it rises to
-  // the smallest root without passing it, the faster the farther away the next one is.
+  // Newton's method on the characteristic polynomial x^3 - x^2 + c1 x - c0 of m / trace, from 0. It converges
+  // to the smallest root from below, faster where the next root is far away.
   const Eigen::Matrix3d a = m / trace;
   const double c1 = a(0, 0) * a(1, 1) - a(1, 0) * a(1, 0) + a(0, 0) * a(2, 2) - a(2, 0) * a(2, 0) +
                     a(1, 1) * a(2, 2) - a(2, 1) * a(2, 1);

@@ -42,12 +42,12 @@ RegistrationResult register_clouds(const std::vector<Eigen::Vector3f>& target,
                                    const std::vector<Eigen::Vector3f>& source, const Pose& guess,
                                    const RegistrationConfig& config, double sigma_m, double max_distance_m,
                                    int threads = 1);
-/// The same to a map of the target, which costs more to make than a registration: for many sources one
-/// target. Its planarity cache is brought up to date where it is needed.
+/// The same to a map of the target. Building the map costs more than a registration: use it for many sources
+/// and one target. Its planarity cache is updated where it is needed.
 RegistrationResult register_cloud(LocalMap& target, const std::vector<Eigen::Vector3f>& source,
                                   const Pose& guess, const RegistrationConfig& config, double sigma_m,
                                   double max_distance_m, int threads = 1);
-/// That map.
+/// Builds that map.
 LocalMap registration_target(const std::vector<Eigen::Vector3f>& points, const RegistrationConfig& config);
 
 }  // namespace hp2
