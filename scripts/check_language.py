@@ -36,8 +36,6 @@ PRIVATE = [  # (what is flagged, what to write)
 PRIVATE = [(re.compile(pattern, re.IGNORECASE), word) for pattern, word in PRIVATE]
 SLASH = {".cpp", ".hpp", ".h", ".lcm", ".js", ".css"}
 HASH = {".sh", ".cmake", ".yaml", ".yml", ".toml"}
-# Files whose text is not yet in plain language. The list only ever gets shorter.
-NOT_YET = pathlib.Path(__file__).resolve().parent / "check_language_not_yet.txt"
 
 
 def tracked():
@@ -193,11 +191,7 @@ def main():
             print(f"check_language.py: there is no file {file}", file=sys.stderr)
             return 2
     if not files:
-        skip = set()
-        if NOT_YET.is_file():
-            skip = {line.strip() for line in NOT_YET.read_text().splitlines() if line.strip() and line[0] != "#"}
-        files = [f for f in tracked()
-                 if not any(str(f.relative_to(ROOT)) == s or str(f.relative_to(ROOT)).startswith(s + "/") for s in skip)]
+        files = tracked()
     messages = [m for file in files if file != pathlib.Path(__file__).resolve() for m in remarks(file, most_words)]
     for message in messages:
         print(message)
