@@ -61,7 +61,7 @@ class Backend::Impl {
       index_.add_features(features);
     }
     if (has_derived(graph_, submaps_)) return;
-    // Of an older version, or damaged: what follows from the submaps is computed again.
+    // An older version, or damaged: edges and trajectory are computed again from the submaps.
     const auto smoothed = store.read_meta()[kScansSmoothed];
     graph_.odometry = odometry_edges(submaps_);
     graph_.trajectory = final_trajectory(submaps_, graph_, graph_.ended && smoothed == "yes");
@@ -92,7 +92,7 @@ class Backend::Impl {
     change.place = &place_bytes;
     change.graph = &next;
 
-    // Whatever fails from here on, the back-end must be left as it was.
+    // If anything fails from here on, the back-end's state must not change.
     index_.add_place(std::move(place));
     change.new_edges_from = next.odometry.size();
     if (submap.id > 0) next.odometry.push_back(edge_to(submap, submaps_.size() - 1));
@@ -102,8 +102,8 @@ class Backend::Impl {
             closer_.close(submap, features, index_, next.odometry, next, change.changed_closures);
       }
       set_map_from_odom(submap.odom_from_submap, next);
-      // The submap before ended freely until now; its last scan is this one's keypose.
-      // A session that had ended goes on: its scans are as they were before they were smoothed.
+      // The end of the submap before was free until now: its last scan is this one's keypose. Where an ended
+      // session continues, all scans get their poses from before the smoothing.
       change.moved_from = update.graph_changed || graph_.ended ? 0 : std::max<std::int64_t>(submap.id - 1, 0);
       rebuild_trajectory(change.moved_from, &submap, next);
       append_trajectory(submap, nullptr, next.map_from_submap, next.trajectory);
@@ -153,7 +153,7 @@ class Backend::Impl {
     return graph;
   }
 
-  // The place of a stored submap; one that is damaged or of an older version is made again.
+  // The place of a stored submap; one that is damaged or of an older version is computed again.
   std::pair<Place, Features> take_place(std::int64_t id) {
     const std::string name = "submap " + std::to_string(id);
     try {
@@ -187,7 +187,7 @@ class Backend::Impl {
     return odometry_edge(submaps_[k], after, known ? submaps_[k - 1].scans.back().utime : 0);
   }
 
-  // Derives the trajectory of the stored submaps from `first` on from the keyposes anew. `newest` follows
+  // Computes the trajectory of the stored submaps from `first` on again from the keyposes. `newest` follows
   // them.
   void rebuild_trajectory(std::int64_t first, const Submap* newest, GraphState& graph) const {
     auto& t = graph.trajectory;

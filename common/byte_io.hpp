@@ -32,7 +32,7 @@ class ByteWriter {
     bytes_.insert(bytes_.end(), p, p + sizeof(T) * R * C);
   }
   void put(const std::uint8_t* bytes, std::size_t size) { bytes_.insert(bytes_.end(), bytes, bytes + size); }
-  /// So many bytes more will come.
+  /// Reserves room for this many more bytes.
   void reserve(std::size_t size) { bytes_.reserve(bytes_.size() + size); }
   void put(const Pose& pose) {
     put(pose.translation);
@@ -59,7 +59,7 @@ class ByteReader {
     read(value);
     return value;
   }
-  /// The error to throw when a value that was read makes no sense.
+  /// The error to throw when a value that was read is invalid.
   [[noreturn]] void fail(const std::string& where) const {
     throw Error(what_ + " is damaged or of another version", where, "Start a new session.");
   }

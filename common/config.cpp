@@ -172,7 +172,7 @@ void Config::load(const std::string& path) {
   if (kind == std::filesystem::file_type::directory) {
     throw Error("the configuration is a folder", path, "Name the YAML file in it.");
   }
-  // A pipe that nobody writes to would be waited for.
+  // Reading a pipe without a writer would block.
   if (!failed && kind != std::filesystem::file_type::regular &&
       kind != std::filesystem::file_type::not_found) {
     throw Error("the configuration is no file, but a pipe or a device", path,

@@ -1,5 +1,5 @@
-// One YAML file configures every process: sections of named values, each with a default, a range and a word
-// of documentation beside the struct that holds it. An unknown key is an error that names the nearest known
+// One YAML file configures every process: sections of named values, each with a default, a range and its
+// documentation beside the struct that holds it. An unknown key is an error that names the nearest known
 // one.
 #pragma once
 #include <functional>

@@ -32,8 +32,8 @@ int out_of_memory(const std::string& name) {
 }  // namespace
 
 int run_program(const std::string& name, const std::function<int()>& body) {
-  // Scans come and go by the megabyte: memory that was given back to the kernel costs a page fault each 4 kB
-  // when the next one arrives.
+  // Scans have megabytes: memory returned to the kernel costs a page fault per 4 kB when the next scan
+  // arrives.
   constexpr int kKeptBlock = 32 << 20, kKeptMemory = 64 << 20;
   mallopt(M_MMAP_THRESHOLD, kKeptBlock);
   mallopt(M_TRIM_THRESHOLD, kKeptMemory);

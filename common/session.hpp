@@ -1,5 +1,5 @@
-// What a session amounts to: the corrected trajectory, the graph and its closures. The back-end makes it, the
-// viewer draws it.
+// The result of a session: corrected trajectory, graph and closures. The back-end computes it, the viewer
+// draws it.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -38,8 +38,8 @@ struct ScanPose {
   ScanDiagnostics diagnostics;
 };
 
-/// A piece of local map with the scans that made it. Its frame is the keypose's: the last pose of the submap
-/// before (for the first that of the first scan: identity unless the start was seen better later).
+/// A part of the local map with its scans. Its frame is the keypose's: the last pose of the submap before
+/// (for the first submap that of the first scan: identity unless the first scans were re-estimated).
 struct Submap {
   std::int64_t id = 0;                     ///< 0, 1, 2, ... in one session.
   Pose odom_from_submap;                   ///< Keypose in the drifting odometry frame.

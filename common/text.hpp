@@ -1,4 +1,4 @@
-// Text of others on its way to a terminal, a log or a page.
+// Makes foreign text safe for a terminal, a log or a page.
 #pragma once
 #include <string>
 #include <vector>
@@ -10,11 +10,12 @@ namespace hp2 {
 /// are not UTF-8.
 std::string printable(const std::string& text);
 
-/// A sentence: which of `known` is meant by `word`, with `prefix` before it; all of them where none is near.
+/// A sentence that proposes the nearest of `known` to `word`, with `prefix` before it; all of them where none
+/// is near.
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known,
                          const std::string& prefix = "");
 
-/// `word` as it can be pasted into a shell, whatever it holds.
+/// `word` quoted so that it can be pasted into a shell.
 std::string shell_quoted(const std::string& word);
 
 }  // namespace hp2

@@ -1,12 +1,12 @@
-// Threads that give way to the registration.
+// Threads with a lower priority than the registration.
 #pragma once
 #include <cerrno>
 #include <sys/resource.h>
 
 namespace hp2 {
 
-/// Makes the calling thread ten steps nicer; on Linux each thread has a niceness of its own. Where all
-/// processors are busy it gets a tenth of what others get. Otherwise it is as fast as before.
+/// Raises the niceness of the calling thread by ten; on Linux each thread has its own. Where all processors
+/// are busy it gets a tenth of what others get. Otherwise it is as fast as before.
 inline void give_way() {
   errno = 0;
   const int nice = ::getpriority(PRIO_PROCESS, 0);

@@ -1,4 +1,4 @@
-// The unit of times that somebody else wrote.
+// The unit of times from foreign data.
 #pragma once
 #include <vector>
 

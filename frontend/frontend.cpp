@@ -54,7 +54,7 @@ class Frontend::Impl {
   MapScale scale_;
   Track track_;
   StartRevision start_;
-  bool first_is_cut_ = false;  // the first scan that `start_` is about ended the submap before
+  bool first_is_cut_ = false;  // `start_` begins with the last scan of the submap before
   Remarks remarks_;
   StampedCloud scan_;  // kept from scan to scan for its memory
 };
@@ -110,8 +110,8 @@ FrontendOutput Frontend::Impl::process(const Scan& scan) {
   return out;
 }
 
-// While the speed of the first scans is not settled the submap stays open: once it is cut its scans are
-// final, and the state that is saved then knows of no search.
+// While the speed of the first scans is not settled the submap stays open: cutting it makes its scans final,
+// and the saved state has no search in it.
 void Frontend::Impl::revise_start(bool was_at_start, FrontendOutput& out) {
   if (!robust_.start_search) return;
   if (track_.at_start() && !was_at_start) {
@@ -131,7 +131,7 @@ void Frontend::Impl::revise_start(bool was_at_start, FrontendOutput& out) {
   }
 }
 
-// Goes on with another track through the same scans.
+// Continues with another track through the same scans.
 void Frontend::Impl::take_up(RevisedStart revised, FrontendOutput& out) {
   track_ = std::move(revised.track);
   out.odometry = revised.results.back();

@@ -16,7 +16,7 @@ namespace hp2 {
 struct OdometryResult {
   std::int64_t sequence = 0;
   std::int64_t utime = 0;      ///< End of the sweep [us]: the instant the pose refers to.
-  Pose odom_from_sensor;       ///< Frame odom drifts but never jumps, but for up to 16 scans after a loss.
+  Pose odom_from_sensor;       ///< Frame odom drifts but never jumps, except for up to 16 scans after a loss.
   std::int64_t submap_id = 0;  ///< Open submap that the scan went into.
   Pose submap_from_sensor;
   Matrix6d covariance = Matrix6d::Zero();  ///< As ScanPose::covariance.
@@ -34,8 +34,8 @@ struct FrontendOutput {
   OdometryResult odometry;
   /// The submap that this scan finished (the scan is its last), if it did.
   std::optional<Submap> finished_submap;
-  /// Earlier scans of the open submap of which something else was said: how a start began shows only after a
-  /// second or two.
+  /// Earlier scans of the open submap that were re-estimated: the speed of the first scans is known only
+  /// after a second or two.
   std::vector<OdometryResult> revised;
 };
 
@@ -59,7 +59,7 @@ class Frontend {
   /// Everything that the next scan's result depends on, right after a submap was cut (process() returned a
   /// finished submap, or nothing was processed yet). Opaque bytes, versioned.
   std::vector<std::uint8_t> save_state() const;
-  /// Goes on from save_state()'s bytes as if never interrupted: the same poses, bit for bit.
+  /// Continues from save_state()'s bytes as if never interrupted: the same poses, bit for bit.
   /// @throws Error for bytes of another version, or damaged ones
   void restore_state(const std::vector<std::uint8_t>& state);
 

@@ -8,32 +8,32 @@
 
 namespace hp2 {
 
-/// The parts of mode `robust`, each of which can be left out (keys `robust.NAME`). The other modes have none
+/// The parts of mode `robust`, each of which can be left out (keys `robust.NAME`). The other modes use none
 /// of them: they are the paper's formulas.
 struct RobustConfig {
   bool map_scale = true;            ///< Map voxels follow what is seen (map_scale.hpp).
   bool wide_neighbourhoods = true;  ///< A neighbourhood of too few points, or of a line, grows to 125 voxels.
   bool weak_directions = true;      ///< In-plane residuals support weakly observed directions.
-  bool two_sides = true;            ///< Front and back of thin things are kept apart.
+  bool two_sides = true;            ///< Front and back of thin objects are matched apart.
   bool scan_lines = true;           ///< A line that the sensor may have drawn itself has no normal.
   bool refinement = true;           ///< A last registration with a loss as narrow as the residuals.
   bool motion_filter = true;        ///< Filtered velocities; points deskewed again by what was found.
   bool guesses = true;              ///< Registration from other guesses where predictions are far off.
   bool dropped_scans = true;        ///< A scan behind missing ones stays out of the map.
-  bool start_search = true;         ///< The speed of the first scans is searched where they hardly tell it.
-  bool covariance_terms = true;     ///< Covariance grows with what deskewing leaves and with surprises.
+  bool start_search = true;         ///< The speed of the first scans is searched where it is weakly observed.
+  bool covariance_terms = true;     ///< Covariance grows with the motion that deskewing leaves.
 };
 
 /// Settings of the registration from other guesses.
 struct GuessConfig {
-  double turn_rad = 0.1;      ///< From guess to guess about each axis; ICP reaches the angles between.
-  int rings = 3;              ///< Turns to each side.
-  int iterations = 20;        ///< Of a guess, at most.
-  std::size_t points = 1500;  ///< Registered for a guess, at most.
-  double bad_fit = 0.93;      ///< Share of the usual fit below which farther turns are tried.
-  double better_fit = 1.02;   ///< So much better than the fit from the prediction another one must be.
-  double doubt_weight = 0.2;  ///< Of log(1 + surprise) against the fit, which is 0..1.
-  double lost_inliers = 0.7;  ///< Below this share of matched points after a gap the scan is elsewhere.
+  double turn_rad = 0.1;             ///< From guess to guess about each axis; ICP reaches the angles between.
+  int rings = 3;                     ///< Turns to each side.
+  int iterations = 20;               ///< Of a guess, at most.
+  std::size_t points = 1500;         ///< Registered for a guess, at most.
+  double bad_fit = 0.93;             ///< Share of the usual fit below which farther turns are tried.
+  double better_fit = 1.02;          ///< Another guess's fit must be better than the prediction's by this.
+  double doubt_weight = 0.2;         ///< Weight of log(1 + innovation) against the fit, which is 0..1.
+  double lost_inliers = 0.7;         ///< Below this share of matched points after a gap tracking is lost.
   double known_speed_sigma_m = 0.6;  ///< sigma of first scans whose speed is roughly known.
 };
 
@@ -69,7 +69,7 @@ struct FrontendConfig {
   int sigma_window = 100;
   double submap_length_m = 0.0;
   double submap_voxel_m = 0.5;
-  double late_scan_ratio = 1.5;  ///< An interval so much longer than the one before has scans missing in it.
+  double late_scan_ratio = 1.5;  ///< Scans are missing in an interval this many times the one before.
   double degenerate_m = 0.006;  ///< `degenerate`: a weakly observed direction deviates by more than this [m].
   double incredible_surprise =
       100.0;                    ///< `degenerate` where a step is so far from the expected one (1: usual).
@@ -90,7 +90,7 @@ IcpConfig icp_config(const FrontendConfig& config);
 /// Sizes that go with a map voxel of this edge [m], as far as the configuration does not give them.
 MapSizes map_sizes(const FrontendConfig& config, double voxel_m);
 
-/// Checks what ranges of single keys cannot say. @throws Error
+/// Checks what ranges of single keys cannot express. @throws Error
 void validate(const FrontendConfig& config);
 
 /// Names of the modes, as `mode` takes them.

@@ -7,20 +7,20 @@
 namespace hp2 {
 namespace {
 
-constexpr double kSuspicious = 0.85;  // of what the best pose explains: then the shifted pose is registered
+constexpr double kSuspicious = 0.85;  // of the best pose's agreement: then the shifted pose is registered
 constexpr double kShiftFrom = 2.0, kShiftTo = 16.0, kShiftStep = 1.5;  // [m]
 constexpr int kShiftAngles = 12;
 constexpr std::size_t kGlanceSample = 600, kSample = 6000;  // voxels
-constexpr float kGlanceDistance = 0.3F;  // [m]: what counts as the same surface at a glance
+constexpr float kGlanceDistance = 0.3F;  // [m]: distance of the same surface in the coarse comparison
 constexpr double kSamePlace =
-    0.7;  // [m]: a shifted registration that comes back to within this confirms the pose
-constexpr float kSharp = 0.2F;  // [m]: what counts as the same surface where two poses are compared
-// A pose that odometry speaks against must explain so much more to be a rival.
+    0.7;                        // [m]: a shifted registration that returns to within this confirms the pose
+constexpr float kSharp = 0.2F;  // [m]: distance of the same surface where two poses are compared
+// An alternative pose that odometry contradicts must agree better by this to count.
 constexpr double kOdometrySays = 0.1;
 constexpr double kNoBound = 1e8;  // [m]
 
-// How much less credible than at `pose` the sensor is at `other`, given the graph: its bound is taken for
-// three standard deviations. 1 where the graph says nothing.
+// Likelihood of `other` relative to `pose` given the graph, whose bound is taken as three standard
+// deviations. 1 where the graph gives no bound.
 double credibility(const Pose& other, const Pose& pose, const PoseBound& bound) {
   if (bound.translation_m >= kNoBound) return 1.0;
   const double sigma = bound.translation_m / 3.0;
@@ -29,13 +29,13 @@ double credibility(const Pose& other, const Pose& pose, const PoseBound& bound) 
   return std::exp(0.5 * (here * here - there * there));
 }
 
-// Structure that the other submap has looked at, and how much of it is there, too.
+// Structure where the other submap has looked, and how much of it the other one has, too.
 struct Glance {
   int structure = 0, same = 0;
   double share() const { return structure > 0 ? static_cast<double>(same) / structure : 0.0; }
 };
 
-// Every stride-th voxel of the cloud, if it is structure, turned as it lies in the other one.
+// Every stride-th voxel of the cloud, if it is structure, rotated into the other one's frame.
 std::vector<Eigen::Vector3f> turned_structure(const VoxelCloud& cloud, const Eigen::Quaterniond& turn,
                                               int stride) {
   const Eigen::Matrix3f r = turn.toRotationMatrix().cast<float>();
@@ -46,7 +46,7 @@ std::vector<Eigen::Vector3f> turned_structure(const VoxelCloud& cloud, const Eig
   return points;
 }
 
-// Nothing where the share cannot come out above `enough`.
+// Empty where the share cannot exceed `enough`.
 Glance glance(const std::vector<Eigen::Vector3f>& structure, const Eigen::Vector3d& translation,
               const VoxelCloud& other, double enough) {
   const Eigen::Vector3f t = translation.cast<float>();
@@ -79,7 +79,7 @@ double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose&
       Pose shifted = from_from_to;
       shifted.translation += up * Eigen::Vector3d(d * std::cos(angle), d * std::sin(angle), 0.0);
       const Glance there = glance(structure, shifted.translation, from.cloud, best);
-      // A shift that brings hardly anything together says nothing.
+      // With little structure in common a shift gives no evidence.
       if (2 * there.structure < here.structure || there.share() <= best) continue;
       best = there.share();
       best_pose = shifted;
@@ -93,7 +93,7 @@ double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose&
   const Overlap other = overlap_of(to.cloud, from.cloud, again, fine_stride, kSharp);
   const Overlap first = overlap_of(to.cloud, from.cloud, from_from_to, fine_stride, kSharp);
   const double explained = other.share / std::max(first.share, 1e-9);
-  // Where odometry puts the rival pose does not make it less likely: a structure may repeat without end.
+  // Odometry lowers this by a tenth at most: a structure may repeat exactly.
   return explained - kOdometrySays * (1.0 - std::min(1.0, credibility(again, from_from_to, bound)));
 }
 

@@ -4,11 +4,11 @@
 
 namespace hp2 {
 
-/// The share of the best pose's agreement that another pose reaches within what the graph allows (and within
-/// 16 m), less by up to a tenth where the graph speaks against that other one. Most shifted poses explain far
-/// less and are done with at a glance; one that does not (along a corridor) is registered itself: if it
-/// slides back to the best pose, there is but one.
-/// @return 0 (or a little less): no other pose explains anything; 1: another one is equally likely
+/// Largest agreement of a pose shifted by 2 to 16 m within the bound, as a share of the agreement at
+/// `from_from_to`; reduced by up to 0.1 where the graph contradicts the shifted pose. Most shifted poses
+/// agree far less, which a coarse comparison shows. One that does not (along a corridor) is registered
+/// itself: if it slides back to `from_from_to`, the pose is unique.
+/// @return 0 (or a little less): no other pose agrees; 1: another one is equally likely
 double ambiguity(const CheckedSubmap& from, const CheckedSubmap& to, const Pose& from_from_to,
                  const PoseBound& bound);
 

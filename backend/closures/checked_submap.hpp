@@ -1,4 +1,4 @@
-// Two submaps made ready for being compared, and registered to one another.
+// Submaps prepared for comparison, and their registration to each other.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -12,14 +12,14 @@
 
 namespace hp2 {
 
-/// What the rest of the graph says of the pose to be measured.
+/// The graph's estimate of the pose to be measured, with its bound.
 struct PoseBound {
-  Pose from_from_to;           ///< As the graph has it.
-  double translation_m = 1e9;  ///< The truth is believed to be within this of it,
-  double rotation_rad = M_PI;  ///< and this.
+  Pose from_from_to;           ///< The graph's estimate.
+  double translation_m = 1e9;  ///< The true pose is at most this far from it,
+  double rotation_rad = M_PI;  ///< and turned by at most this.
 };
 
-/// A submap made ready for checking.
+/// A submap prepared for checking.
 struct CheckedSubmap {
   CheckedSubmap(Submap submap, const GroundAlignment& ground_alignment);
 
@@ -29,8 +29,8 @@ struct CheckedSubmap {
   std::vector<Eigen::Vector3f> points;  ///< [m], submap frame.
   VoxelCloud cloud;
 
-  /// What others are registered to, by 2 m voxels or finely: made when it is first asked for. Not for two
-  /// threads at once, and no more is register_fine() with the same submap.
+  /// Maps that others are registered to, with 2 m voxels or fine ones; built at the first call. Not safe for
+  /// two threads at once, and neither is register_fine() with the same submap.
   LocalMap& coarse_map() const;
   LocalMap& fine_map() const;
   void drop_maps() const;
@@ -39,7 +39,7 @@ struct CheckedSubmap {
   mutable std::optional<LocalMap> coarse_map_, fine_map_;
 };
 
-/// Voxels of a submap's cloud to go on by so that about `sample` of them are looked at; at least 1.
+/// Stride through the voxels of a submap's cloud that visits about `sample` of them; at least 1.
 int stride_for(const CheckedSubmap& submap, std::size_t sample);
 
 /// Registers `to` to `from`, reaching as far as 2 m voxels do. @return from_from_to; it may not be finite

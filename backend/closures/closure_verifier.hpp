@@ -1,5 +1,5 @@
-// The 3D check of a loop candidate: two submaps registered from a guess, and every reason to doubt the
-// outcome.
+// The 3D check of a loop candidate: two submaps are registered from a guess, and all checks run on the
+// result.
 #pragma once
 #include <vector>
 
@@ -15,9 +15,9 @@ double path_distance(const std::vector<Eigen::Vector3d>& from_path,
 
 /// Registers `to` to `from` from `guess` and judges the result. It is accepted only if
 /// - the registration converges near the guess and within the bound of the odometry,
-/// - the paths really meet, and the submaps overlap both ways with a small residual,
-/// - the common surfaces fix every direction,
-/// - no shifted pose within the bound explains the scene nearly as well (repeated structure),
+/// - the paths meet, and the submaps overlap both ways with a small residual,
+/// - the common surfaces determine every direction,
+/// - no shifted pose within the bound agrees nearly as well (repeated structure),
 /// - neither submap is bent.
 /// @param max_path_distance_m paths further apart than this are no revisit
 /// @param guess_m, guess_rad  how far the registration may end from the guess

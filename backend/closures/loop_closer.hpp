@@ -1,4 +1,4 @@
-// Closes loops: takes candidates, has them checked in 3D, and keeps the graph and its closures consistent.
+// Closes loops: chooses candidates, checks them in 3D, and keeps the graph and its closures consistent.
 #pragma once
 #include <cstdint>
 #include <list>
@@ -16,14 +16,14 @@ namespace hp2 {
 /// Reason of a closure that passed the 3D check but that the other closures contradict.
 extern const char* const kRefusedByGraph;
 
-/// Works on the state that it is handed; remembers nothing of a session but a few submaps that were just
-/// used.
+/// Works on the state that it is given; keeps nothing of a session but a few submaps that were used
+/// recently.
 class LoopCloser {
  public:
   LoopCloser(const BackendConfig& config, const SessionStore& store) : config_(config), store_(store) {}
 
-  /// Checks what looks like the newest submap or is near it, then further pairs that the corrected graph says
-  /// overlap.
+  /// Checks submaps that look like the newest one or are near it, then further pairs that overlap in the
+  /// corrected graph.
   /// @param newest   the newest submap, not stored yet
   /// @param index    holds its place, but not its features
   /// @param odometry edges between consecutive keyposes
@@ -50,7 +50,7 @@ class LoopCloser {
   BackendConfig config_;
   const SessionStore& store_;
   std::list<std::shared_ptr<const CheckedSubmap>> recent_;  // newest first
-  const Submap* newest_ = nullptr;  // while it is being closed: most submaps have nothing to be checked with
+  const Submap* newest_ = nullptr;  // during close(): most submaps have no candidate, so it is copied late
 };
 
 }  // namespace hp2

@@ -7,10 +7,9 @@ namespace hp2 {
 namespace {
 
 constexpr std::size_t kSource = 2000;  // points of a half
-constexpr float kSharp = 0.2F;         // [m]: what counts as the same surface
-constexpr double kInView =
-    0.1;  // share of a half's points: where fewer lie on what the other one saw, it is out of view
-constexpr double kBetter = 1.1;  // a half's own pose must explain so many times what the whole's does
+constexpr float kSharp = 0.2F;         // [m]: distance of the same surface
+constexpr double kInView = 0.1;  // share of a half's points: with fewer counterparts the half is out of view
+constexpr double kBetter = 1.1;  // a half's own pose must agree this many times as well as the whole's
 
 // Share of the points that the other submap has there too.
 double agreement(const VoxelCloud& from, const std::vector<Eigen::Vector3f>& points, const Pose& pose) {

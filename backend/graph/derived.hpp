@@ -1,5 +1,5 @@
-// What follows from a session's submaps and keyposes: the odometry's edges and every scan's final pose.
-// Computed here and nowhere else; stored and sent from then on.
+// Derived from a session's submaps and keyposes: the odometry's edges and every scan's final pose. Computed
+// here and nowhere else, then stored and sent.
 #pragma once
 #include <vector>
 
@@ -8,7 +8,7 @@
 
 namespace hp2 {
 
-/// Edges between consecutive submaps, weighed by what the odometry knows.
+/// Edges between consecutive submaps with the odometry's information.
 /// @param submaps all of the session, in order; their points are not looked at
 std::vector<GraphEdge> odometry_edges(const std::vector<Submap>& submaps);
 
@@ -17,8 +17,8 @@ std::vector<GraphEdge> odometry_edges(const std::vector<Submap>& submaps);
 std::vector<TrajectoryPose> final_trajectory(const std::vector<Submap>& submaps, const GraphState& graph,
                                              bool smooth);
 
-/// Whether a graph read from a session has all that follows from its submaps. Sessions of version 3 and older
-/// do not, and what is damaged is left out.
+/// Whether a graph read from a session has its edges and trajectory. Sessions of version 3 and older do not,
+/// and damaged records are left out.
 /// @param submaps all of the session
 bool has_derived(const GraphState& graph, const std::vector<Submap>& submaps);
 

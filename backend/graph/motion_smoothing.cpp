@@ -9,16 +9,16 @@
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kFewest = 20;  // samples that tell noise from motion
+constexpr std::size_t kFewest = 20;  // samples needed to separate noise from motion
 // Range of the ratio of jerk to noise that is searched, in powers of ten: from a curve that follows only what
 // lasts for ten samples to one that goes through every sample.
 constexpr double kSmoothest = -6.0, kRoughest = 6.0, kCoarseStep = 1.5, kFineStep = 0.25;
 // Noise and jerk change along a drive. They are found for kBlock samples at a time. The curves of two
 // neighbouring blocks blend into one another over kBlend samples about the border.
 constexpr std::size_t kBlock = 300, kBlend = 40;
-// Between scans that are further apart than this a sensor may have swayed to and fro: inertia says nothing.
+// Between scans further apart than this a sensor may have moved to and fro: inertia gives no information.
 constexpr double kInertia_s = 0.25;
-constexpr double kLongestStep = 50.0;  // in median steps: beyond it samples hardly know of one another
+constexpr double kLongestStep = 50.0;  // in median steps: beyond it samples are nearly independent
 
 using Samples = std::vector<std::vector<double>>;  // [component][sample]
 

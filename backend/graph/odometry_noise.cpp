@@ -6,20 +6,20 @@
 namespace hp2 {
 namespace {
 
-// Floors of a scan's motion error, found on simulated drives: a good odometry wanders by about 2 mm and 0.01
-// degrees a square root of a metre, whatever its registrations say of themselves (their errors are not
-// independent).
+// Floors of a scan's motion error, found on simulated drives. A good odometry drifts by about 2 mm and 0.01
+// degrees per square root of a metre, even where its covariances are smaller: registration errors are not
+// independent.
 constexpr double kTranslationNoise = 2e-3;     // [m / sqrt(m)]
 constexpr double kRotationNoise = 2e-4;        // [rad / sqrt(m)]
 constexpr double kStandingStillLength = 0.01;  // [m]: a floor for the floors
 // Where the registration was degenerate, the pose is a prediction in some direction: its error is a share of
 // the motion.
 constexpr double kDegenerateShare = 0.05;
-// Deskewing takes the motion within a sweep for even; what the motion changed by from scan to scan it missed
-// in part. A vehicle hardly has any of it, a hand that turns the sensor quickly has a lot.
+// Deskewing assumes constant velocity within a sweep, so part of the change of motion from scan to scan is
+// missing in it. That is little on a vehicle, and a lot in a hand that turns quickly.
 constexpr double kUnevenShare = 0.2, kMostUneven = 10.0;
-// Where tracking was lost, the pose is a prediction at constant velocity over the time since the last scan
-// that fitted: what a vehicle or a person may have done meanwhile.
+// Where tracking was lost, the pose is a prediction at constant velocity since the last registered scan. The
+// deviations are those of a vehicle or a person.
 constexpr double kLostShare = 0.5;         // of the predicted motion
 constexpr double kLostAcceleration = 2.0;  // [m/s^2]
 constexpr double kLostTurnRate = 0.5;      // [rad/s]

@@ -1,5 +1,5 @@
-// What the back-end believes of the odometry's errors: a scan's own covariance, never less than a floor that
-// grows with the motion. Shared by the pose graph and the scan-level refinement, so that both weigh alike.
+// The back-end's model of odometry errors: a scan's own covariance plus a floor that grows with the motion.
+// Shared by the pose graph and the scan-level refinement, so that both weigh alike.
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -14,7 +14,7 @@ struct OdometryStep {
   Matrix6d covariance;  ///< Right increments (rho [m], phi [rad]) in the current scan's sensor frame.
   double length_m = 0.0;
   double duration_s = 0.0;
-  bool loss = false;  ///< Tracking was lost: the motion is a guess, and the two sides of it two pieces.
+  bool loss = false;  ///< Tracking was lost: the motion is a guess, and its two sides are two pieces.
   double loss_m = 0.0, loss_rad = 0.0;  ///< Then: standard deviation of the guess.
 };
 

@@ -63,7 +63,7 @@ GraphEdge odometry_edge(const Submap& submap, const Submap& next, std::int64_t u
   edge.from = static_cast<std::size_t>(submap.id);
   edge.to = edge.from + 1;
   if (!submap.scans.empty()) edge.from_from_to = submap.scans.back().submap_from_sensor;
-  // The errors of the steps up to a keypose's own side of a loss are those of the edge before.
+  // Errors of the steps before a loss belong to the edge before.
   const Steps steps = odometry_steps(submap.scans, utime_before);
   const AnchoredScans own = anchored_scans(submap.scans), after = anchored_scans(next.scans);
   Matrix6d covariance =

@@ -1,5 +1,5 @@
-// Where tracking was lost the path falls into pieces that only a closure can join. Which scans of a submap
-// its keypose holds for, and how keyposes hang together.
+// Where tracking was lost the trajectory falls into pieces that only a closure can join. Which scans of a
+// submap belong to its keypose, and how keyposes are connected.
 #pragma once
 #include <cstddef>
 #include <vector>
@@ -10,8 +10,8 @@
 
 namespace hp2 {
 
-/// The scans of a submap whose points lie in the keypose's frame for certain. Where tracking was lost in a
-/// submap, the larger side of the gap has the keypose; the other side goes with the submap next to it.
+/// The scans of a submap that are consistent with its keypose. Where tracking was lost in a submap, the
+/// larger side of the gap has the keypose; the other side belongs to the neighbouring submap.
 struct AnchoredScans {
   std::size_t begin = 0, end = 0;  ///< Scans [begin, end).
   bool starts_piece = false;  ///< A loss lies before them: the submap before does not end at this keypose.
@@ -27,8 +27,8 @@ Submap anchored_submap(Submap submap);
 /// @param utime_before end of the sweep before the submap's first one [us]; 0: unknown
 GraphEdge odometry_edge(const Submap& submap, const Submap& next, std::int64_t utime_before);
 
-/// Moves pieces as a whole to where closures say that they are: nodes far from the optimum would not find it.
-/// @param piece    one a node: number of the piece that the node is in
+/// Moves pieces as a whole to where closures place them: from far away the optimiser would not converge.
+/// @param piece    one per node: number of the piece that the node is in
 /// @param closures the first one between two pieces places the later one
 void place_pieces(std::vector<Pose>& nodes, const std::vector<int>& piece,
                   const std::vector<GraphEdge>& closures);

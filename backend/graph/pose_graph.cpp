@@ -108,9 +108,8 @@ Matrix6d inverse_right_jacobian(const Vector6d& x) {
   return sum;
 }
 
-// Largest ratio of what the loops fail to close by to what the odometry's covariances allow for, by its
-// median over the closures: below 1 the covariances are honest, above they promise too much. A false closure
-// among true ones does not move the median far.
+// Squared gap of the loops over what the odometry's covariances predict, as the median over the closures.
+// Above 1 the covariances are too small. A few false closures do not move the median far.
 double odometry_inflation(const std::vector<GraphEdge>& odometry, const std::vector<GraphEdge>& closures) {
   if (closures.empty()) return 1.0;
   // Covariances of the steps moved into one frame add up, so a prefix sum gives any stretch of the chain at

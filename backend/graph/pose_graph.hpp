@@ -31,11 +31,10 @@ struct PoseGraphSummary {
 PoseGraphSummary optimise(std::vector<Pose>& nodes, const std::vector<GraphEdge>& odometry,
                           const std::vector<GraphEdge>& closures, double closure_scale = 3.0);
 
-/// Optimises with the closures that agree with one another: those which the rest of the graph refuses (they
-/// stay further than `max_gap` from it) are left out, worst first, and taken up again if the graph comes to
-/// agree.
-/// @param odometry their information is lowered where the closures show that it promised too much
-/// @return one a closure: true if it took part
+/// Optimises with the closures that are consistent with each other. Those that stay further than `max_gap`
+/// from the optimised graph are left out, worst first, and used again if the graph comes to agree with them.
+/// @param odometry their information is lowered where the closures show that it is too large
+/// @return one per closure: true if it was used
 std::vector<bool> optimise_consistent(std::vector<Pose>& nodes, const std::vector<GraphEdge>& odometry,
                                       const std::vector<GraphEdge>& closures,
                                       const EdgeGap& max_gap = {1.0, 0.1});

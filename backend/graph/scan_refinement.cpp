@@ -63,7 +63,7 @@ void append_trajectory(const Submap& submap, const Submap* next, const std::vect
   const Pose* map_from_next = ends_at_next ? &map_from_submap[k + 1] : nullptr;
   std::vector<Pose> poses;
   if (anchored.starts_piece) {
-    // Scans before the loss go on from where the submap before ended.
+    // Scans before the loss continue from the end of the submap before.
     const bool follows = !trajectory.empty() && trajectory.back().submap == submap.id - 1;
     const Pose before = follows ? trajectory.back().map_from_sensor : keypose;
     for (std::size_t i = 0; i < anchored.begin; ++i) poses.push_back(before * scans[i].submap_from_sensor);

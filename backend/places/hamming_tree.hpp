@@ -10,7 +10,7 @@
 
 namespace hp2 {
 
-/// A stored descriptor and whose it is.
+/// A stored descriptor with its submap and feature.
 struct TreeEntry {
   Descriptor descriptor;
   std::int32_t submap = 0;
@@ -24,10 +24,10 @@ struct TreeMatch {
   std::int32_t distance = 0;  ///< [bits]
 };
 
-/// Several trees over disjoint sets of bits. A node asks for one bit; a leaf that is full is split on the bit
-/// that divides it most evenly. One flipped bit leads to a wrong leaf. So a query visits the leaves in order
-/// of how many asked bits they disagree in, up to a budget, in every tree: what one tree misses, another
-/// finds.
+/// Several trees over disjoint sets of bits. A node tests one bit; a full leaf is split on the bit that
+/// divides it most evenly. One flipped bit leads to a wrong leaf. So a query visits several leaves of every
+/// tree, in order of the number of tested bits that differ, up to a budget. A match that one tree misses,
+/// another finds.
 class HammingTree {
  public:
   static constexpr int kTrees = 3;

@@ -15,18 +15,18 @@ namespace {
 
 constexpr double kPathSpacing = 2.0;              // [m] between the remembered points of a path
 constexpr double kReach = 25.0;                   // [m] paths further apart see too little of the same
-constexpr double kMinGap = 12.0, kMaxGap = 60.0;  // [m] bounds of the way that must lie between two visits
+constexpr double kMinGap = 12.0, kMaxGap = 60.0;  // [m] bounds of the distance travelled between two visits
 constexpr double kNoLimit = 1e9;
-// Way through the graph [m] after which a good odometry is still within the registration's reach.
+// Length through the graph [m] after which a good odometry is still within the registration's reach.
 constexpr double kKnownWithin = 500.0;
-constexpr double kComeBack = 0.5;              // a revisit is at most this share of the way between away
-constexpr double kClosureLength = 1.0;         // [m] a closure counts as so much way
-constexpr double kDegenerateFactor = 3.0;      // a degenerate metre may be wrong as much as this many others
-constexpr double kBoundFloor = 1.0;            // [m]
-constexpr double kRotationBoundFloor = 0.2;    // [rad]
+constexpr double kComeBack = 0.5;            // largest distance of a revisit, share of the distance travelled
+constexpr double kClosureLength = 1.0;       // [m] length of a closure in the graph
+constexpr double kDegenerateFactor = 3.0;    // length of a degenerate metre
+constexpr double kBoundFloor = 1.0;          // [m]
+constexpr double kRotationBoundFloor = 0.2;  // [rad]
 constexpr double kRotationBoundGrowth = 5e-4;  // [rad / m]
-// So many features agree on one motion by no chance: then odometry is doubted more, but not altogether: a
-// bridge repeats itself for good.
+// So many matches do not agree by chance: odometry's bound is widened, but not dropped, because a bridge
+// repeats itself exactly.
 constexpr int kManyInliers = 20;
 constexpr double kDoubt = 3.0;
 constexpr std::size_t kMaxAligned = 10;  // submaps whose matches are aligned in 2D
@@ -72,7 +72,7 @@ std::pair<Place, Features> make_place(const Submap& whole, const Place* before, 
   const Submap& submap = cut ? own : whole;
   place.piece = (before ? before->piece + before->ends_piece : 0) + anchored.starts_piece;
   place.ends_piece = anchored.ends_piece;
-  // After a loss the keypose is where the submap's points have it, but the sensor never was there.
+  // After a loss the sensor never was at the keypose: the first anchored scan begins the path.
   place.path.emplace_back(anchored.starts_piece ? submap.scans.front().submap_from_sensor.translation
                                                 : Eigen::Vector3d::Zero());
   for (const ScanPose& s : submap.scans) {
@@ -82,7 +82,7 @@ std::pair<Place, Features> make_place(const Submap& whole, const Place* before, 
   }
   if (!submap.scans.empty()) place.path.push_back(submap.scans.back().submap_from_sensor.translation);
   place.path_begin_m = before ? before->path_end_m : 0.0;
-  // Swaying of a hand-held sensor is no way travelled: the length of the thinned path.
+  // The length of the thinned path: swaying of a hand-held sensor does not count as distance travelled.
   place.path_end_m = place.path_begin_m;
   for (std::size_t i = 1; i < place.path.size(); ++i) {
     place.path_end_m += (place.path[i] - place.path[i - 1]).norm();
@@ -163,7 +163,7 @@ double PlaceIndex::revisit_distance(std::int64_t from_id, std::int64_t to_id) co
   if (config_.candidates == "paper") return to_id - from_id > config_.skip_newest ? kNoLimit : 0.0;
   const Place& from = places_[static_cast<std::size_t>(from_id)];
   const Place& to = places_[static_cast<std::size_t>(to_id)];
-  // Of another piece it is not known how far away it is: what looks alike may be right here.
+  // The distance of another piece is unknown: any similar place may be right.
   if (from.piece != to.piece) return kReach;
   const double gap = to.path_begin_m - from.path_end_m;
   const double seen = std::max(from.seen_radius_m, to.seen_radius_m);
@@ -250,7 +250,7 @@ std::vector<double> graph_distances(const std::vector<Place>& places,
     distance[node] = d;
     open.emplace(d, node);
   };
-  // From keypose k to keypose k + 1 the way leads through submap k.
+  // The path from keypose k to keypose k + 1 leads through submap k.
   const auto way = [&](std::size_t k) {
     return places[k].path_end_m - places[k].path_begin_m + places[k].doubtful_m;
   };

@@ -1,5 +1,5 @@
-// Which pairs of submaps may be the same place: by what they look like from above, and by where the graph has
-// them.
+// Which pairs of submaps may be the same place: by their appearance from above, and by their positions in the
+// graph.
 #pragma once
 #include <cstdint>
 #include <utility>
@@ -15,15 +15,15 @@
 
 namespace hp2 {
 
-/// What is remembered of a submap for finding it again. Kept in memory, without points.
+/// Description of a submap for finding it again. Kept in memory, without points.
 struct Place {
   GroundAlignment ground;
   std::vector<Eigen::Vector2f> keypoints;  ///< Ground-aligned frame [m].
   std::vector<Eigen::Vector3d> path;       ///< Sensor positions [m], submap frame, thinned.
-  double path_begin_m = 0.0;               ///< Way travelled since the session began, at the keypose
+  double path_begin_m = 0.0;               ///< Distance travelled since the session began, at the keypose
   double path_end_m = 0.0;                 ///< and at the submap's end.
-  double doubtful_m = 0.0;  ///< Way that odometry may have got wrong altogether (degenerate scans).
-  std::int32_t piece = 0;  ///< Counts the losses of tracking before the keypose: what hangs together has one.
+  double doubtful_m = 0.0;  ///< Additional length for degenerate scans, whose motion may be wrong.
+  std::int32_t piece = 0;   ///< Number of losses of tracking before the keypose; the same if connected.
   bool ends_piece = false;  ///< Tracking was lost between this keypose and the next one, at this one's side.
   double seen_radius_m = 0.0;  ///< Median distance of the points from the path.
 };
@@ -59,15 +59,15 @@ class PlaceIndex {
   const std::vector<Place>& places() const { return places_; }
   const HammingTree& tree() const { return tree_; }
 
-  /// How nearly two paths must meet for the pair to be a revisit [m]; 0: the pair is no candidate.
+  /// Largest distance of two paths for the pair to be a revisit [m]; 0: the pair is no candidate.
   /// `adaptive`: the sensor must have left what it saw (by its own seen radius), and come back to much nearer
-  /// than the way between.
+  /// than the distance travelled between.
   double revisit_distance(std::int64_t from, std::int64_t to) const;
 
   /// Older places that look like the newest one, whose features are these and not yet added; best first.
   std::vector<Candidate> alike(const Features& features) const;
 
-  /// Older places that the graph says submap `to` has come back to, nearest first.
+  /// Older places that submap `to` has come back to according to the graph, nearest first.
   /// @param distances graph_distances() from `to`
   std::vector<Candidate> near(std::int64_t to, const std::vector<Pose>& map_from_submap,
                               const std::vector<double>& distances) const;
@@ -78,13 +78,13 @@ class PlaceIndex {
   HammingTree tree_;
 };
 
-/// Length of the shortest way [m] through odometry and accepted closures from submap `start` to every submap:
-/// what a drift bound is taken of. Infinite where tracking was lost on every way.
+/// Length of the shortest path [m] through odometry and accepted closures from submap `start` to every
+/// submap, for the drift bound. Infinite where tracking was lost on every path.
 std::vector<double> graph_distances(const std::vector<Place>& places,
                                     const std::vector<ClosureRecord>& closures, std::int64_t start);
 
-/// How far the truth may be from the graph's relative pose after `distance_m` through the graph: the drift
-/// that is credible, more of it where many features agree; anywhere if the distance is infinite.
+/// Bound on the error of the graph's relative pose after `distance_m` through the graph: the credible drift,
+/// larger where many features agree; none if the distance is infinite.
 /// @param inliers of the images' alignment; 0: none
 PoseBound drift_bound(const Pose& from_from_to, double distance_m, int inliers, const BackendConfig& config);
 

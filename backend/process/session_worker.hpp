@@ -1,5 +1,5 @@
-// The back-end's work off the bus's thread: submaps go into the session one after another, and each leaves a
-// snapshot of everything that the others may ask for.
+// The back-end's work outside the bus's thread: submaps are added to the session one after another, and each
+// gives a snapshot of all that other processes may request.
 #pragma once
 #include <condition_variable>
 #include <cstdint>
@@ -27,15 +27,15 @@ struct SessionSnapshot {
   bool last_stored = false;  ///< No submap will follow.
   bool ended = false;        ///< Refined, too.
   std::string rejected;      ///< Why the submap that was handed over was not taken; nothing changed then.
-  resume_t resume;           ///< Without the front-end's state, which is megabytes and hardly ever asked for.
+  resume_t resume;           ///< Without the front-end's state, which is large and rarely requested.
   std::shared_ptr<const std::vector<std::uint8_t>> frontend_state;
   EncodedMessagePtr graph, trajectory;
   Pose map_from_odom;
   std::vector<closure_t> new_closures;
 };
 
-/// Owns the session, and does all work on it in a thread of its own, which gives way to the front-end's where
-/// processors are few. Snapshots are handed to `sink` from its thread, the first one right after the start.
+/// Owns the session, and does all work on it in a thread of its own, at a lower priority than the
+/// front-end's. `sink` receives snapshots from that thread, the first one right after construction.
 class SessionWorker {
  public:
   /// @throws Error if the session cannot be opened
@@ -55,7 +55,7 @@ class SessionWorker {
   void write_meta(std::map<std::string, std::string> values);
   /// Work is in hand or waits.
   bool busy();
-  /// Throws what went wrong in the thread (disk full, a session that cannot be written), if something did.
+  /// Rethrows an error of the thread (disk full, a session that cannot be written), if there was one.
   void rethrow_error();
 
  private:

@@ -30,7 +30,7 @@ enum class TrajectoryFormat { kKitti, kTum };
 /// that is no
 ///         rotation (beyond 1e-3), a zero quaternion, or times that do not rise
 Trajectory read_trajectory(const std::string& path);
-/// The same on text; `name` stands in the errors in the file's place.
+/// The same for text; errors show `name` in place of the file.
 Trajectory parse_trajectory(const std::string& text, const std::string& name);
 
 /// The trajectory as a file's content, 12 significant digits. TUM needs times.

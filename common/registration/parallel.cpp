@@ -109,7 +109,7 @@ struct WorkerPool::Impl {
       const auto since = Clock::now();
       while (idle() && Clock::now() - since < kAwake) {
         for (int i = 0; i < kPausesALook && idle(); ++i) pause();
-        if (idle()) std::this_thread::yield();  // whoever has work goes first
+        if (idle()) std::this_thread::yield();  // threads with work go first
       }
       if (!idle()) continue;
       std::unique_lock<std::mutex> lock(mutex);
@@ -142,7 +142,8 @@ void WorkerPool::run(std::size_t blocks, void (*call)(const void*, std::size_t),
   Impl& pool = *impl_;
   pool.publish({blocks, call, context});
   if (pool.sleepers.load() > 0) {
-    { const std::lock_guard<std::mutex> lock(pool.mutex); }  // who was about to sleep sleeps now, and hears
+    // A thread that is about to sleep sleeps once the lock is free, and is then woken.
+    { const std::lock_guard<std::mutex> lock(pool.mutex); }
     pool.wake.notify_all();
   }
   inside_a_block = true;

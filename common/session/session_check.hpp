@@ -1,4 +1,4 @@
-// May a run begin or go on in a session folder? Asked before anything is started.
+// Whether a run may begin or continue in a session folder; checked before anything is started.
 #pragma once
 #include <cstdint>
 #include <map>
@@ -6,11 +6,11 @@
 
 namespace hp2 {
 
-/// Says in words what a back-end will do in `folder`: begin a session, or go on with the one that is there.
-/// Changes nothing that is stored.
+/// Describes what a back-end will do in `folder`: begin a session, or continue the one that is there. Does
+/// not change the session.
 /// @param meta texts of this run. "drive" and "configuration" must be those that the session was begun with.
 /// A session is complete when its graph has ended, and finished when its results have been written; until
-/// then it is gone on with.
+/// then it is continued.
 /// @throws Error if the session is finished, in use, damaged, of another version, or was begun otherwise
 std::string check_session(const std::string& folder, const std::map<std::string, std::string>& meta);
 

@@ -1,4 +1,4 @@
-// The file of a session: made whole or not at all, opened, brought to this version.
+// The file of a session: created atomically, opened, upgraded to this version.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -14,13 +14,13 @@ inline constexpr int kSchemaVersion = 4;
 /// Path of the database in a session's folder.
 std::string session_path(const std::string& folder);
 
-/// Whether a session was begun in `folder`. An empty or cut file that a back-end left behind when it died, or
-/// when the disk was full, is none: a back-end begins anew there.
+/// Whether a session was begun in `folder`. An empty or truncated file that a back-end left when it died, or
+/// on a full disk, does not count: a back-end begins again there.
 /// @throws Error if there is a file that no back-end has made, or that cannot be read
 bool session_begun(const std::string& folder);
 
-/// Opens the session in `folder` for its one writer. It is begun if it was not, and one of an older version
-/// is brought to this one.
+/// Opens the session in `folder` for its one writer. It is created if there is none, and one of an older
+/// version is upgraded.
 /// @param session_id number of a new session; 0: a random one
 /// @throws Error if the folder cannot be written, the file is no session, is damaged, or is of a newer
 /// version

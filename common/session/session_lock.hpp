@@ -5,8 +5,8 @@
 
 namespace hp2 {
 
-/// Holds a session for this process alone, from construction to destruction; the kernel lets go of it if the
-/// process dies. Made of a lock on `session.lock` in the folder, which stays there, empty.
+/// Holds a session for this process alone, from construction to destruction; the kernel releases it if the
+/// process dies. It is a lock on the file `session.lock` in the folder, which stays there, empty.
 class SessionLock {
  public:
   /// @throws Error if another process holds the session, or the folder cannot be written

@@ -10,8 +10,8 @@
 
 namespace hp2 {
 
-/// All of a verdict. Versions before 4 have no more than the pose and the information in it: what else
-/// `closure` holds is left as it is then.
+/// All of a verdict. Versions before 4 have only the pose and the information in it; the other members of
+/// `closure` are not changed then.
 std::vector<std::uint8_t> encode_closure(const ClosureRecord& closure);
 /// @throws DamageError, as all of these
 void decode_closure(const std::vector<std::uint8_t>& bytes, const std::string& where, ClosureRecord& closure);

@@ -33,7 +33,7 @@ inline constexpr const char* kResultsWritten = "results_written";
 /// What becomes of damage when a session is read.
 enum class OnDamage {
   kThrow,     ///< DamageError.
-  kLeaveOut,  ///< What is damaged is left out, with a word.
+  kLeaveOut,  ///< Damaged records are left out, with a message.
 };
 
 /// A session folder: `session.sqlite` in it. Everything that the viewer needs offline can be read from it;
@@ -80,7 +80,7 @@ class SessionStore {
                         std::vector<std::string>* said = nullptr) const;
   /// True once the last submap of the session is stored.
   bool last_submap_stored() const;
-  /// True once the session has ended and a viewer has written its results. (Of older sessions nobody knows;
+  /// True once the session has ended and a viewer has written its results. (Older sessions do not record it;
   /// they count as written.)
   bool results_written() const;
   /// Small named texts: configuration, versions, data set, per-process summaries. Names given before are

@@ -1,4 +1,4 @@
-// The little of SQLite's C interface that the session store needs, with errors said in words.
+// The part of SQLite's C interface that the session store needs, with readable errors.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -52,7 +52,7 @@ class Statement {
   Statement& bind(const Bytes& value);  ///< `value` must live until the statement ran.
   /// Moves to the next row. @returns false at the end. @throws Error
   bool step();
-  /// Runs to the end and makes ready for the next set of values.
+  /// Runs to the end and resets the statement for the next set of values.
   void run();
 
   std::int64_t number(int column) const;

@@ -82,7 +82,7 @@ const std::uint8_t* BlobReader::skip(std::size_t n) {
 }
 
 Pose BlobReader::get_pose() {
-  // Not through the normalising constructor: what comes back is bit for bit what was stored.
+  // Not through the normalising constructor: the pose must be bit for bit the stored one.
   Pose pose;
   for (int i = 0; i < 4; ++i) pose.rotation.coeffs()[i] = get<double>();
   for (int i = 0; i < 3; ++i) pose.translation[i] = get<double>();
@@ -130,8 +130,8 @@ void decode_points(const std::vector<std::uint8_t>& bytes, const std::string& wh
     std::memcpy(submap.points[i].data(), p, 12);
     std::memcpy(normal, p + 12, 3);
     std::memcpy(&submap.scan_indices[i], p + 15, 4);
-    // Not made unit length again: that would round to other bytes the next time, and a back-end that was
-    // started again would see other normals than one that was not.
+    // Not normalised: that would round to other bytes the next time, and a restarted back-end would see other
+    // normals than one that was not.
     for (int k = 0; k < 3; ++k) submap.normals[i][k] = static_cast<float>(normal[k]) / 127.0F;
   }
 }

@@ -27,11 +27,11 @@ struct Assembly {
   std::int64_t touched_us = 0;
   std::shared_ptr<ByteVector> bytes;  ///< Memory is touched only as far as pieces arrive.
 
-  /// Whether it is of this message, and of this edition of it, that pieces have come.
+  /// Whether pieces of this message, in this edition, have been received.
   bool same_edition(const chunk_t& chunk) const;
-  /// The first piece, or another edition of the message after its owner was restarted: begins anew.
+  /// The first piece, or another edition of the message after its owner was restarted: begins again.
   void begin(const chunk_t& chunk);
-  /// Takes a piece that lies inside the message and that is not here yet.
+  /// Takes a piece that lies inside the message and was not received yet.
   void take(const ChunkView& piece);
   bool whole() const { return known && have == pieces.size(); }
   /// Of a whole message: its checksum is right.

@@ -13,10 +13,10 @@ namespace hp2 {
 /// A scan as scan_t for session 0 ("whichever the receiver runs").
 /// @param crc takes the bytes' CRC-32 if it is not null, summed while they are in the processor's cache
 ByteVector encode_scan(const Scan& scan, std::uint32_t* crc = nullptr);
-/// @param used_up   a scan that nobody needs any more: its memory is used again
+/// @param used_up a scan that is no longer needed: its memory is used again
 /// @param intensity whether the points' intensities are taken along
-/// @return nothing for bytes that are no scan_t, whose arrays do not fit together, whose times are out of
-/// this world
+/// @return nothing if the bytes are not a scan_t, its arrays do not fit together, or its times are
+/// impossible
 std::optional<Scan> decode_scan(const std::uint8_t* data, std::size_t size, Scan used_up = {},
                                 bool intensity = true);
 

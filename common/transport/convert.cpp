@@ -13,8 +13,8 @@ std::int8_t to_byte(float unit) {
   return static_cast<std::int8_t>(std::lround(std::clamp(unit, -1.0F, 1.0F) * 127.0F));
 }
 
-// Of unit length to 1/127. Not made longer or shorter: rounded again it must give the same bytes, so that a
-// submap is the same to the bit whether it comes from the network or from disk.
+// Of unit length to 1/127. Not normalised: rounded again it must give the same bytes, so that a submap is bit
+// for bit the same from the network and from disk.
 Eigen::Vector3f to_normal(std::int8_t x, std::int8_t y, std::int8_t z) {
   return Eigen::Vector3f(x, y, z) / 127.0F;
 }

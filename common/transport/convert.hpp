@@ -1,5 +1,5 @@
-// Between the message types and the structs that the stages work with. What comes from the network is checked
-// here: numbers of entries that belong together, finite poses, unit quaternions, known states.
+// Between the message types and the structs of the stages. Data from the network is checked here: numbers of
+// entries that belong together, finite poses, unit quaternions, known states.
 #pragma once
 #include <cstdint>
 #include <memory>

@@ -1,5 +1,5 @@
-// Keeps datagrams that no LCM program sends away from LCM, whose receiver trusts the headers in them: a
-// fragment that claims to lie before the beginning of its message is written there.
+// Drops datagrams that no LCM program sends. LCM's receiver trusts their headers: a fragment whose offset
+// lies before the beginning of its message would be written there.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -8,8 +8,8 @@
 
 namespace hp2 {
 
-/// What a process takes of its messages. LCM's sockets hear every channel: two threads would be woken by each
-/// message for somebody else, only to throw it away.
+/// The messages that a process receives. LCM's sockets receive every channel: each message for another
+/// process would wake two threads, only to be dropped.
 struct WantedMessages {
   /// A channel on which each message names who it is for.
   struct Addressed {

@@ -1,5 +1,5 @@
-// One process's place in the protocol: who it is, which session it belongs to, and its outboxes and inboxes,
-// to which it hands the offers and fetches that it hears.
+// One process's part in the protocol: its id, its session, and its outboxes and inboxes, to which it passes
+// the offers and fetches received.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -35,8 +35,8 @@ class Endpoint {
   void set_session(std::int64_t session_id);
   /// Take over the session of the first offer received on one of these topics.
   void adopt_session_from(std::set<std::string> topics) { adopt_from_ = std::move(topics); }
-  /// A session that has gone silent for 5 s is left for another one that is offered on these topics, while
-  /// `nothing_begun` says that nothing of it was taken up.
+  /// A session that is silent for 5 s is left for another one offered on these topics, while `nothing_begun`
+  /// says that none of its messages was used.
   void leave_silent_session(std::function<bool()> nothing_begun) {
     nothing_begun_ = std::move(nothing_begun);
   }

@@ -85,7 +85,7 @@ void Inbox::on_offer(const offer_t& heard) {
   }
   offer_ = heard;
   offer_heard_us_ = now;
-  // What waits for a message beyond the newest one was told so by somebody else.
+  // An inbox that waits beyond the newest message was misled by another sender.
   const bool beyond = next_ > heard.next_id;
   if (options_.order == Order::kLatest && (heard.next_id - 1 > next_ || beyond || !same_owner)) {
     seek(std::max(heard.first_id, heard.next_id - 1));
@@ -180,7 +180,7 @@ void Inbox::take_unasked(const ChunkView& view) {
   const auto key = std::make_pair(chunk.sender_id, chunk.message_id);
   auto it = unasked_.find(key);
   if (it == unasked_.end()) {
-    // What is begun and never ended must not fill the memory.
+    // Incomplete messages must not fill the memory.
     std::size_t bytes = static_cast<std::size_t>(chunk.total_size) + unasked_bytes();
     while (!unasked_.empty() && (unasked_.size() >= kMostUnasked || bytes > 2 * options_.max_message_bytes)) {
       const auto oldest = std::min_element(

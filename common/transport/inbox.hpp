@@ -1,5 +1,5 @@
-// The side that wants messages: asks for their pieces, a few at a time, asks again for what did not come,
-// checks, drops duplicates, and hands whole messages up in order.
+// The reading side: requests pieces, a few at a time, requests lost ones again, checks, drops duplicates, and
+// delivers whole messages in order.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -45,21 +45,21 @@ class Inbox {
 
   const std::string& topic() const { return options_.topic; }
 
-  /// Go on at message `id`; what is under way from before is forgotten if it does not fit. For kAll: the next
+  /// Continues at message `id`; pieces requested before are forgotten if they do not fit. For kAll: the next
   /// message to be delivered.
   void seek(std::int64_t id);
   std::int64_t next_delivery() const { return next_; }
-  /// Asks for nothing and acknowledges nothing, but hears offers: its owner shall not count on this reader
+  /// Requests and acknowledges nothing, but receives offers: the owner must not count on this reader
   /// yet.
   void set_silent(bool silent) { silent_ = silent; }
   /// Fetch only messages before `id`: the consumer has no room for more.
   void set_limit(std::int64_t id);
-  /// All messages before `wanted` were used, all before `done` are safe for good. Told to the owner.
+  /// All messages before `wanted` were used, all before `done` are stored. Reported to the owner.
   void acknowledge(std::int64_t wanted, std::int64_t done);
 
   /// The owner's last offer while the owner lives (an offer in the last 2 s), nothing otherwise.
   const offer_t* offer() const;
-  /// The owner has said for a moment, without saying otherwise, that nothing follows.
+  /// The owner has reported for a moment, without contradiction, that nothing follows.
   bool ended() const;
   /// Pieces of the next message are here or under way.
   bool busy() const { return !assemblies_.empty(); }

@@ -61,8 +61,8 @@ void walk(LayoutWalker& w, const trajectory_t*);
 /// Walks over scan_t up to the number of points.
 void walk_before_points(LayoutWalker& w);
 
-/// Whether bytes that nobody vouches for are one message of type T: its fingerprint, counts that the bytes
-/// bear out, none missing and none to spare.
+/// Whether untrusted bytes are one message of type T: its fingerprint, counts that fit the bytes, no byte
+/// missing and none left over.
 template <class T>
 bool has_layout(const std::uint8_t* data, std::size_t size) {
   constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
@@ -75,7 +75,7 @@ bool has_layout(const std::uint8_t* data, std::size_t size) {
   return w.at_end();
 }
 
-/// Decodes a message whose bytes nobody vouches for. Allocates no more than a small multiple of `size`.
+/// Decodes a message from untrusted bytes. Allocates no more than a small multiple of `size`.
 /// @return false, with `message` unspecified, if the bytes do not have the type's layout
 template <class T>
 bool safe_decode(const std::uint8_t* data, std::size_t size, T& message) {

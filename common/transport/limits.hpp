@@ -1,5 +1,5 @@
-// Limits of what travels, in one place: who sends checks them and says so, who receives refuses what is
-// beyond.
+// Limits of messages, in one place. Senders check them with an error; receivers refuse larger
+// messages.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace hp2 {
 
-/// Most points that a scan may have; more is taken for an error.
+/// Most points of a scan; more are an error.
 inline constexpr std::size_t kMaxScanPoints = 4'000'000;
 /// Longest sweep [us].
 inline constexpr std::int64_t kLongestSweepUs = 60'000'000;

@@ -1,5 +1,5 @@
-// Messages made ready in the background: read, encoded and checksummed by worker threads ahead of who asks
-// for them, so that the bus's thread never waits for a disk.
+// Messages prepared in the background: worker threads read, encode and checksum them ahead of requests, so
+// that the bus's thread never waits for a disk.
 #pragma once
 #include <condition_variable>
 #include <cstdint>

@@ -1,4 +1,4 @@
-// The side that has messages: says what there is, and answers who asks. It keeps no list of its readers.
+// The owner's side: offers its messages and answers requests. It keeps no list of its readers.
 #pragma once
 #include <cstdint>
 #include <deque>
@@ -23,16 +23,16 @@ struct EncodedMessage {
 };
 using EncodedMessagePtr = std::shared_ptr<EncodedMessage>;
 
-/// How far a reader says that it is. What goes beyond what this process has sent may be true, if its
-/// predecessor sent it: it counts once it was said for a while and nobody said otherwise. One foreign
-/// datagram ends nothing.
+/// A reader's claim of how far it is. A claim beyond what this process has sent may be true, if its
+/// predecessor sent it: it counts once it was repeated for a while without contradiction. One foreign
+/// datagram has no effect.
 class Claim {
  public:
   /// @param possible what can be true at once: one past the last message sent
   void hear(std::int64_t value, std::int64_t possible, std::int64_t now_us);
-  /// What is believed.
+  /// The accepted value.
   std::int64_t value() const { return value_; }
-  /// Something was said that is not believed yet.
+  /// There is a claim that is not accepted yet.
   bool pending() const { return pending_ >= 0; }
 
  private:
@@ -55,20 +55,20 @@ class Outbox {
   /// What can be fetched: ids in [first, next). Published at once if it differs from before, and 4 times a
   /// second.
   void offer(std::int64_t first, std::int64_t next, bool ended, std::int8_t pacing = offer_t::LOCKSTEP);
-  /// Forgets what readers have said: the messages are numbered anew.
+  /// Forgets the readers' claims: the messages are numbered from the beginning.
   void forget_readers();
   /// For pieces sent without a session, so that a recording of them can be played into any session.
   void send_for_any_session() { any_session_ = true; }
 
   std::int64_t first() const { return offer_.first_id; }
   std::int64_t next() const { return offer_.next_id; }
-  /// All messages before it are done with for good, as far as any reader said.
+  /// All messages before it are stored, as far as any reader has reported.
   std::int64_t done_id() const { return done_id_; }
-  /// A reader said that its session is over and that it wants nothing any more.
+  /// A reader has reported that its session is over and that it needs nothing more.
   bool over() const { return over_; }
   /// The last reader's next wish; may lie beyond what is offered.
   std::int64_t wanted_id() const { return wanted_.value(); }
-  /// A reader wishes for what was not sent to it, and is not believed yet.
+  /// A reader's claim about messages that were not sent to it is pending.
   bool wish_pending() const { return wanted_.pending(); }
   /// One past the last message that was sent to the last piece, or in part.
   std::int64_t sent_end() const { return sent_end_; }

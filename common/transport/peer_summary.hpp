@@ -1,4 +1,4 @@
-// What the processes said of themselves, as JSON for summaries.
+// The status of the processes, as JSON for summaries.
 #pragma once
 #include <nlohmann/json.hpp>
 

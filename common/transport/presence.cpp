@@ -47,7 +47,7 @@ void Presence::set(const Report& report) {
   if (report_.text.size() > kLongestText) report_.text.resize(kLongestText);
   if (news) spdlog::info("{}", report_.text);
   const bool last = report_.state == status_t::FINISHED || report_.state == status_t::FAILED;
-  // A short run's remarks have not all had their turn: each is sent once more, then the last word.
+  // In a short run some remarks were not sent yet: each is sent once more, then the final status.
   if (news && last) {
     for (std::size_t i = 0; i < 2 * warnings_.size(); ++i) poll(true);
   }
@@ -96,7 +96,7 @@ status_t Presence::status() const {
 
 void Presence::poll(bool force) {
   const std::int64_t now = endpoint_.bus().now_us();
-  // A new remark is told at once: in a short run its turn would come after the viewer has written.
+  // A new remark is sent at once: in a short run its turn would come after the viewer has written.
   const bool remark = told_ < warnings_.size() && endpoint_.session_id() != 0;
   if (!force && !remark && now - last_us_ < kPeriodUs) return;
   last_us_ = now;
@@ -124,11 +124,11 @@ void Presence::on_status(const std::uint8_t* data, std::size_t size) {
     return endpoint_.reject(kStatusChannel, "longer than any process writes");
   }
   if (m.sender_id == endpoint_.sender_id()) return;
-  // It would speak to the terminal of whoever lists the processes.
+  // Control characters would reach the terminal of a user who lists the processes.
   for (auto* text : {&m.process, &m.text, &m.host, &m.version}) *text = printable(*text);
   for (auto& counter : m.counters) counter.name = printable(counter.name);
   if (peers_.size() >= kMostPeers && peers_.count(m.sender_id) == 0) {
-    // Whoever floods the channel does not drive out this session's processes.
+    // A flood on the channel must not displace this session's processes.
     const auto worth = [this](const Peer& p) {
       return std::make_tuple(p.status.session_id == endpoint_.session_id(), std::min(p.times, 3), p.heard_us);
     };

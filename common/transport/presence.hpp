@@ -1,4 +1,4 @@
-// Every process says twice a second who it is and how it fares, and listens to the others.
+// Every process publishes its status twice per second and receives that of the others.
 #pragma once
 #include <cstdint>
 #include <deque>
@@ -38,8 +38,8 @@ class Presence {
   /// Takes the new report; a change of state or text is published at once and logged.
   void set(const Report& report);
   const Report& report() const { return report_; }
-  /// A remark on the data that the user should read: logged, and told in STATUS again and again ("warning:
-  /// ..."), so that a viewer that comes late hears of it, too.
+  /// A remark on the data for the user: logged, and repeated in STATUS ("warning: ..."), so that a viewer
+  /// that starts late receives it, too.
   void warn(const std::string& text);
   /// Remarks of all processes, in order of arrival, each once.
   const std::vector<std::string>& warnings() const { return all_warnings_; }
@@ -51,8 +51,8 @@ class Presence {
   /// Processes whose STATUS was received, by sender id; at most 64. Those of other sessions are forgotten
   /// first, then those received once, then the longest silent ones.
   const std::map<std::int64_t, Peer>& peers() const { return peers_; }
-  /// Processes `name` of this session that spoke in the last 1.5 s and have not said that they ended, other
-  /// than this one.
+  /// Processes `name` of this session that sent STATUS in the last 1.5 s and have not reported their end,
+  /// other than this one.
   std::vector<const Peer*> all_live(const std::string& name) const;
   /// One of them; null if there is none.
   const Peer* live(const std::string& name) const;
@@ -62,8 +62,8 @@ class Presence {
   std::vector<const Peer*> all_missed(const std::string& name) const;
   /// Whether the sender of an offer may come back, as above; also one whose STATUS has not come yet.
   bool missed(std::int64_t sender_id) const;
-  /// Whether the sender of an offer is still there, even if it stands still: it has not said that it ended,
-  /// and its process exists. One on another machine counts as gone after 30 s of silence.
+  /// Whether the sender of an offer is still there, even if it hangs: it has not reported its end, and its
+  /// process exists. One on another machine counts as gone after 30 s of silence.
   bool may_return(std::int64_t sender_id) const;
   /// This process's own status as it stands.
   status_t status() const;

@@ -41,11 +41,11 @@ const std::vector<std::string>& config_section_names();
 
 /// From now on SIGINT and SIGTERM only count; see stop_signals(). SIGPIPE is ignored.
 void catch_stop_signals();
-/// How many of them have come.
+/// How many of them were received.
 int stop_signals();
 
 /// Listens to CONTROL: commands of this session for this process (or for all). Others are ignored with a
-/// word.
+/// message.
 class ControlListener {
  public:
   /// @param callback called with control_t's command and argument

@@ -1,4 +1,4 @@
-// Nobody waits for ever without saying for whom.
+// No process waits for ever without a message that says for whom.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -17,10 +17,10 @@ class Stagnation {
   /// To be called with every tick, after the report. Progress is: work in hand, here or in another process of
   /// the session; another `done` of one of them; a process that comes or goes.
   /// @param busy this process has work in hand
-  /// @param idle it has nothing to wait for: it serves whoever comes, or was paused
+  /// @param idle it waits for nothing: it serves readers, or was paused
   /// @throws Error when nothing has happened for so long
   void tick(bool busy, bool idle = false);
-  /// What tick() says: how long nothing has happened, what this process waits for, whom it hears.
+  /// The message of tick(): time without progress, what this process waits for, the other processes.
   std::string line() const;
 
  private:

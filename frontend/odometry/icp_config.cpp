@@ -1,4 +1,4 @@
-// The registration's settings out of the front-end's.
+// The registration's settings, taken from the front-end's.
 #include <algorithm>
 
 #include "common/config.hpp"
@@ -32,8 +32,8 @@ IcpConfig icp_config(const FrontendConfig& c) {
   icp.tau_max = c.tau_max;
   icp.n_min = c.n_min;
   icp.max_iterations = c.max_iterations;
-  // Point-to-point creeps: each step is most of the one before, and what is left when they are 3 mm long can
-  // be centimetres, towards the prediction.
+  // Point-to-point converges slowly: each step is nearly as long as the one before. With steps of 3 mm the
+  // remaining error, towards the prediction, can be centimetres.
   constexpr double kCreeps = 3.0;
   icp.convergence_m = c.convergence_m / (icp.mode == IcpMode::kPointToPoint ? kCreeps : 1.0);
   const RobustConfig robust = robust_parts(c);

@@ -30,9 +30,9 @@ class MapScale {
  public:
   explicit MapScale(const MapScaleConfig& config = {}) : config_(config) {}
 
-  /// Looks at a scan if it is its turn.
+  /// Measures a scan if it is its turn.
   void add(const Scan& scan, double min_range_m, double max_range_m);
-  /// Takes a measured growth (surface_growth()); not positive: the scan tells nothing.
+  /// Takes a measured growth (surface_growth()); not positive: the scan gives none.
   void add_growth(double growth);
   /// Edge of the map's voxel now [m].
   double voxel_m() const { return voxel_m_; }

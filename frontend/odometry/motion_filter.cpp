@@ -8,8 +8,8 @@
 namespace hp2 {
 namespace {
 
-// Of translations and rotations. Found on simulated drives of cars, of a walker in a corridor and of a UAV;
-// within a factor of two they hardly matter.
+// Of translations and rotations. Found on simulated drives of cars, of a walker in a corridor and of a UAV; a
+// factor of two changes little.
 struct Kind {
   double acceleration;       // its deviation [m/s^2, rad/s^2] ...
   double lasts_s;            // ... and the time that it lasts
@@ -113,7 +113,7 @@ void MotionFilter::load(ByteReader& in) {
   acceleration_ = in.take<Vector6d>();
   covariance_ = in.take<Covariance>();
   surprise_ = in.take<double>();
-  constexpr double kMostMotion = 1e5, kMostVariance = 1e9;  // of anything that moves
+  constexpr double kMostMotion = 1e5, kMostVariance = 1e9;  // of any vehicle or person
   const auto below = [](const auto& m, double most) {
     return m.allFinite() && m.cwiseAbs().maxCoeff() < most;
   };

@@ -9,7 +9,7 @@ namespace {
 // A step longer than this is no gap but another clock: a sensor's driver that took the place of a player,
 // say. No motion can be predicted over a minute anyway.
 constexpr std::int64_t kOtherClockUs = 60'000'000;
-// Share of the last change of velocity that is expected to go on.
+// Share of the last change of velocity that is expected to continue.
 constexpr double kMostAcceleration = 0.5;
 
 // Of two intervals one that is less than this share of the other is no measure of a velocity.
@@ -26,7 +26,7 @@ std::int64_t MotionModel::interval_us(std::int64_t utime) const {
 
 Pose MotionModel::predict(std::int64_t utime) const {
   if (!has_motion_) return last_;
-  // The mean velocity on the way there is about that in its middle.
+  // The mean velocity of a motion is about that in its middle.
   const auto dt = static_cast<double>(interval_us(utime));
   const double to_its_middle = 0.5 * kMicro * (dt + static_cast<double>(last_duration_));
   return last_ * se3_exp(kMicro * dt * filter_.velocity_after(to_its_middle));
@@ -53,8 +53,8 @@ Vector6d MotionModel::sweep_twist(std::int64_t duration_us, const Pose& pose, st
   const auto duration = static_cast<double>(duration_us), dt = static_cast<double>(interval_us(utime));
   const Vector6d velocity = se3_log(last_.inverse() * pose) / dt;
   if (!has_motion_ || !(dt > duration)) return duration * velocity;
-  // After a dropped scan the sweep is the last part of the way only: the sensor had then changed its velocity
-  // on from the mean one, as it did before.
+  // After a dropped scan the sweep is only the last part of the interval: by then the velocity had changed
+  // further from the mean one.
   const auto before = static_cast<double>(interval_);
   const double share = std::min(kMostAcceleration, (dt - duration) / (dt + before));
   return duration * (velocity + share * (velocity - motion_ / before));

@@ -43,7 +43,7 @@ class MotionModel {
   double sweep_share(std::int64_t duration_us, std::int64_t utime) const {
     return static_cast<double>(duration_us) / static_cast<double>(interval_us(utime));
   }
-  /// Time from the last pose to `utime` [us]; where the stamps make no sense, as long as the interval before.
+  /// Time from the last pose to `utime` [us]; where the stamps are invalid, as long as the interval before.
   std::int64_t interval_us(std::int64_t utime) const;
   /// That time over the interval before.
   double interval_ratio(std::int64_t utime) const {
@@ -53,14 +53,14 @@ class MotionModel {
   /// acceleration: it acts from the middle of the interval before on.
   double stretch(std::int64_t utime) const {
     constexpr double kUnit = 1e5, kLeast = 0.25,
-                     kMost = 1e4;  // [us]; stamps that hardly differ are no measure
+                     kMost = 1e4;  // [us]; stamps that nearly coincide give no interval
     const double dt = static_cast<double>(interval_us(utime)) / kUnit;
     return std::clamp(0.5 * dt * (dt + static_cast<double>(interval_) / kUnit), kLeast, kMost);
   }
   /// True if `utime` does not lie after the last pose's.
   bool time_is_broken(std::int64_t utime) const { return has_pose_ && utime <= last_utime_; }
-  /// True if so much time has passed since the last pose that its motion says little of where the sensor is
-  /// at `utime`: more than a second, and than three times the usual interval.
+  /// True if too much time has passed since the last pose for a prediction at `utime`: more than a second,
+  /// and more than three times the usual interval.
   bool is_gap(std::int64_t utime) const {
     constexpr std::int64_t kSecond = 1'000'000;
     const std::int64_t dt = interval_us(utime);
@@ -68,7 +68,7 @@ class MotionModel {
   }
   /// True for the first ten poses of the session, or after a loss.
   bool is_new() const { return poses_ < 10; }
-  /// Forgets the motion and what was learned of it: the next pose is a first one.
+  /// Forgets the motion and its statistics: the next pose is a first one.
   void restart() {
     has_pose_ = has_motion_ = has_change_ = false;
     change_.setZero();
@@ -94,12 +94,12 @@ class MotionModel {
   /// the mean.
   double surprise() const { return has_motion_ ? filter_.surprise() : 0.0; }
   /// The same, were the sensor at `pose` at `utime`, at the end of a sweep of `duration_us`; 0 before there
-  /// is a velocity. A pose is believed to a decimetre and a degree.
+  /// is a velocity. A pose counts as exact to a decimetre and a degree.
   double surprise_at(const Pose& pose, std::int64_t utime, std::int64_t duration_us) const;
   /// Motion from the pose before the last one to the last one.
   Pose last_step() const { return se3_exp(motion_); }
 
-  /// How unevenly the sensor has come to the last pose; a sweep of unknown length (0) lasts as long as the
+  /// How unevenly the sensor moved to the last pose; a sweep of unknown length (0) lasts as long as the
   /// interval.
   Unevenness unevenness(std::int64_t duration_us) const;
 

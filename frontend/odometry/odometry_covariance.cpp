@@ -11,8 +11,8 @@ namespace hp2 {
 namespace {
 
 // Found on simulated drives by maximum likelihood, one rule for all sensors and scenes.
-constexpr double kCorrelated = 2.0;      // neighbouring points err alike: as if residuals were larger by this
-constexpr double kLeastResidual = 0.01;  // [m]: no sensor measures better
+constexpr double kCorrelated = 2.0;  // errors of neighbouring points are correlated: factor on the residuals
+constexpr double kLeastResidual = 0.01;                      // [m]: no sensor measures better
 constexpr double kFloor = 0.0013, kFloorRotation = 0.00018;  // [m], [rad]: of a map that is itself not exact
 // Shares of the change of motion, and of that change's own change, that deskewing at constant velocity leaves
 // in the pose: in the direction of the change, and in any other.
@@ -29,11 +29,11 @@ Matrix6d share_of(const Vector6d& motion, double along, double across) {
 }  // namespace
 
 Matrix6d registration_covariance(const IcpResult& icp, double sigma_m) {
-  // The robust weights make the scan's sums speak as if its residuals' deviation were sigma.
+  // With the robust weights the information is that of residuals with deviation sigma.
   const double residual = kCorrelated * std::max(kLeastResidual, icp.rms_m) / sigma_m;
   const Matrix6d about_source =
       (icp.information + 1e-9 * Matrix6d::Identity()).inverse() * (residual * residual);
-  // Map axes to sensor axes; the last pose's own rotation changes nothing in what the increment is.
+  // Map axes to sensor axes; the last pose's own rotation does not change the increment.
   const Eigen::Matrix3d r = icp.map_from_source.rotation.toRotationMatrix().transpose();
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = r;
@@ -54,7 +54,7 @@ Matrix6d deskew_covariance(const Unevenness& uneven) {
 }
 
 Matrix6d guess_covariance(const Pose& motion) {
-  constexpr double kShare = 0.5, kLeast = 1.0, kRotation = 0.5;  // of the way; [m], [rad]
+  constexpr double kShare = 0.5, kLeast = 1.0, kRotation = 0.5;  // of the motion; [m], [rad]
   const double deviation = std::max(kLeast, kShare * motion.translation.norm());
   Matrix6d covariance = Matrix6d::Zero();
   covariance.diagonal().head<3>().setConstant(deviation * deviation);

@@ -1,4 +1,4 @@
-// What the motion since the last scan is worth.
+// Covariance of the motion since the last scan.
 #pragma once
 #include "common/geometry/pose.hpp"
 #include "common/registration/hybrid_icp.hpp"
@@ -14,10 +14,10 @@ Matrix6d registration_covariance(const IcpResult& icp, double sigma_m);
 /// Standard deviation of the translation along its most uncertain direction [m].
 double weakest_deviation_m(const Matrix6d& covariance);
 
-/// What comes to it from points that were deskewed at constant velocity while the sensor moved unevenly.
+/// Additional covariance from deskewing at constant velocity while the sensor moved unevenly.
 Matrix6d deskew_covariance(const Unevenness& uneven);
 
-/// Covariance of a motion that is the prediction alone, over a gap: half of the way, at least 1 m, and 0.5
+/// Covariance of a motion that is the prediction alone, over a gap: half of the motion, at least 1 m, and 0.5
 /// rad.
 Matrix6d guess_covariance(const Pose& motion);
 

@@ -11,8 +11,8 @@ constexpr std::size_t kParts = 4;     // of a scan
 constexpr int kAxisBits = 10;         // of a voxel coordinate in a key
 constexpr std::size_t kChunk = 1024;  // points whose keys are computed at a time
 
-// Keys of voxels of edge `voxel` within `range` of the sensor fit kAxisBits an axis; coarser voxels if they
-// would not.
+// Keys of voxels of edge `voxel` within `range` of the sensor fit kAxisBits per axis; voxels are coarser if
+// they would not.
 float usable_voxel(double voxel_m, double range_m) {
   constexpr double kLargest = (1 << (kAxisBits - 1)) - 1;
   return static_cast<float>(std::max(voxel_m, range_m / kLargest));
@@ -84,7 +84,7 @@ void Preprocessor::KeySet::grow() {
 Preprocessor::Preprocessor(const PreprocessConfig& config) : config_(config), parts_(kParts) {}
 
 // The points of one part of the scan that may be the first of their voxel. Neighbours in a sweep fall in the
-// same few voxels: most are told apart by a look at the part's last keys.
+// same few voxels: most duplicates are found among the part's last keys.
 void Preprocessor::find_candidates(const Scan& scan, std::size_t begin, std::size_t end, Part& part) const {
   const float inverse_map = 1.0F / usable_voxel(config_.map_voxel_m, config_.max_range_m);
   const float inverse_source = 1.0F / usable_voxel(config_.source_voxel_m, config_.max_range_m);

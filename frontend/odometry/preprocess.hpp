@@ -1,4 +1,4 @@
-// From a raw sweep to the points that are used: range crop, voxel downsampling, deskewing of what is left.
+// From a raw sweep to the points that are used: range crop and voxel downsampling.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -15,15 +15,15 @@ namespace hp2 {
 struct PreprocessConfig {
   double min_range_m = 1.0;
   double max_range_m = 100.0;
-  double map_voxel_m = 0.3;     ///< One point a voxel of this edge goes on to the map.
+  double map_voxel_m = 0.3;     ///< One point per voxel of this edge is kept for the map.
   double source_voxel_m = 0.7;  ///< Of these one per voxel of this edge is registered.
 };
 
-/// The points of a sweep that survive, in the order of firing.
+/// The points of a sweep that are kept, in the order of firing.
 struct PreprocessedScan {
-  std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m]: one a map voxel.
+  std::vector<Eigen::Vector3f> points;  ///< Sensor frame at the firing instant [m]: one per map voxel.
   std::vector<float> time;              ///< Time in sweep, one per point; empty: absent.
-  std::vector<std::uint32_t> source;    ///< Indices into `points`: one a source voxel.
+  std::vector<std::uint32_t> source;    ///< Indices into `points`: one per source voxel.
   double max_range_m = 0.0;             ///< Distance of the farthest of them.
   int dropped = 0;                      ///< Points of the sweep that were not finite or out of range.
 };
@@ -38,7 +38,7 @@ class Preprocessor {
     config_.map_voxel_m = map_voxel_m;
     config_.source_voxel_m = source_voxel_m;
   }
-  /// @param use_time take scan.time along (it must then hold one entry a point)
+  /// @param use_time keep scan.time (it must then hold one entry per point)
   void run(const Scan& scan, bool use_time, const Parallel& parallel, PreprocessedScan& out);
 
  private:

@@ -73,7 +73,7 @@ std::optional<RevisedStart> StartRevision::work(const Track& followed, const Par
 }
 
 std::optional<RevisedStart> StartRevision::catch_up(const Track& followed, const Parallel& parallel) {
-  Remarks ignored;  // the track that was followed has made them
+  Remarks ignored;  // the followed track has reported them
   for (std::size_t k = 0; k < kScansAgain && other_results_.size() < scans_.size(); ++k) {
     const std::size_t i = other_results_.size();
     OdometryResult result = other_->process(scans_[i], {parallel, ignored, true}).odometry;
@@ -81,7 +81,7 @@ std::optional<RevisedStart> StartRevision::catch_up(const Track& followed, const
       end();
       return std::nullopt;
     }
-    result.diagnostics.ms = results_[i].diagnostics.ms;  // what the scan took was measured when it came
+    result.diagnostics.ms = results_[i].diagnostics.ms;  // the scan's times were measured when it arrived
     other_results_.push_back(result);
   }
   if (other_results_.size() < scans_.size()) return std::nullopt;

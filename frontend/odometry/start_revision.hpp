@@ -1,5 +1,5 @@
-// The first scans of a session, or after a loss, estimated once more where their speed was in doubt. All work
-// is done in small parts beside the scans that come meanwhile.
+// Re-estimates the first scans of a session, or after a loss, where their speed was in doubt. All work is
+// done in small parts beside the scans that arrive meanwhile.
 #pragma once
 #include <optional>
 #include <vector>
@@ -13,7 +13,7 @@ namespace hp2 {
 struct RevisedStart {
   Track track;
   std::vector<OdometryResult> results;  ///< One per scan since the first, which is the first entry.
-  bool moved = false;                   ///< The first scan lies elsewhere now: the present pose stays.
+  bool moved = false;                   ///< The first scan has another pose now: the present pose stays.
 };
 
 /// Collects the first scans, searches their speed (StartSearch), and registers them again from it.

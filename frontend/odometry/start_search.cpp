@@ -45,7 +45,7 @@ bool is_even(double intervals) {
   return whole >= 1.0 && whole <= kMostIntervals && std::abs(intervals - whole) <= kJitter;
 }
 
-// At most one stamp in so many may be out of line: else there is no telling what is smooth.
+// At most one stamp in so many may be out of line: otherwise smoothness cannot be judged.
 constexpr std::size_t kMostUneven = 4;
 
 // The scans with stamps out of line moved into it.
@@ -214,15 +214,15 @@ double StartSearch::distance_m(const std::vector<Pose>& a, const std::vector<Pos
   return most;
 }
 
-// Candidates that have come to one trajectory.
+// Candidates that converged to one trajectory.
 bool StartSearch::same(const Candidate& a, const Candidate& b) const {
   constexpr double kPlace = 0.1, kStep = 0.05;  // [m]
   return (a.poses.back().translation - b.poses.back().translation).norm() < kPlace &&
          usual_interval_ * (a.last_velocity - b.last_velocity).head<3>().norm() < kStep;
 }
 
-// The first intervals are bent by the speed that a candidate began with: the speed at the beginning as a line
-// through the later ones tells it, along the weakly observed direction.
+// The first intervals are biased by the candidate's starting speed. The true starting speed is extrapolated
+// by a line through the later intervals, along the weakly observed direction.
 Vector6d StartSearch::later_velocity(const std::vector<Pose>& poses) const {
   constexpr std::size_t kBent = 3;
   double time = 0.0, n = 0.0, t = 0.0, s = 0.0, tt = 0.0, ts = 0.0;  // sums of a line s(time)
@@ -255,7 +255,7 @@ void StartSearch::next_round() {
     candidates_ = std::move(best);
     round_ = candidates_.empty() ? Round::kDone : Round::kFinal;
   } else if (round_ == Round::kFinal) {
-    // Once more from the speeds that the best one and the followed trajectory have come to.
+    // Again from the final speeds of the best candidate and of the followed trajectory.
     candidates_.resize(std::min<std::size_t>(2, candidates_.size()));
     add_candidate(later_velocity(candidates_.front().poses));
     add_candidate(later_velocity(followed_));
@@ -269,7 +269,7 @@ void StartSearch::next_round() {
 
 void StartSearch::decide() {
   const Candidate& best = candidates_.front();
-  // What stands for the trajectory followed: the best of those that have come to it.
+  // Represents the followed trajectory: the best of the candidates that converged to it.
   double followed = -std::numeric_limits<double>::infinity();
   for (const Candidate& c : candidates_) {
     if (distance_m(c.poses, followed_) < config_.apart_m) followed = std::max(followed, score(c));

@@ -1,4 +1,4 @@
-// The speed of the first scans where they hardly tell it. On a bridge or a highway they fit a standing
+// The speed of the first scans where it is weakly observed. On a bridge or a highway they fit a standing
 // sensor, or one that follows the traffic, about as well as the true motion. The map made with a wrong speed
 // then confirms it. So the first scans are registered again, thinned out, for a range of starting speeds. The
 // true one gives a smooth trajectory that the scans agree with. The work is cut into small steps, so that no
@@ -39,9 +39,9 @@ struct StartSearchConfig {
   double sigma_m = 0.6;     ///< First scale of the robust loss: ICP reaches the speeds between candidates.
   double roughness = 0.05;  ///< Weight of the logarithm of the RMS change of velocity.
   double noise_m_s = 0.35;  ///< Changes of velocity below this are registration's noise.
-  double clearly = 0.009;   ///< So much better than the followed trajectory the best one must be.
-  double most_rough_m_s = 2.0;  ///< A trajectory of larger changes of velocity is no sensor's.
-  double apart_m = 0.5;         ///< So far from it the best one must lie somewhere.
+  double clearly = 0.009;   ///< The best one must be better than the followed trajectory by this.
+  double most_rough_m_s = 2.0;  ///< A trajectory with larger changes of velocity is implausible.
+  double apart_m = 0.5;         ///< The best one must deviate from it by this somewhere.
 };
 
 /// Searches the starting speed. Values in, steps of work, a velocity out; the result depends on the scans
@@ -51,18 +51,19 @@ class StartSearch {
   /// @param icp   settings of the registration
   /// @param scans at least three, of increasing time
   /// @param followed poses of the same scans as first estimated
-  /// @param information sum of their registrations' information: tells the weakly observed direction
+  /// @param information sum of their registrations' information, for the weakly observed direction
   StartSearch(const StartSearchConfig& config, const IcpConfig& icp, double voxel_m, double spacing_m,
               std::vector<ThinScan> scans, std::vector<Pose> followed, const Matrix6d& information);
 
-  /// True where most scans tell some direction weakly and come at even times, so that a search makes sense.
+  /// True where most scans have a weakly observed direction and come at even times, so that a search makes
+  /// sense.
   static bool worthwhile(const StartSearchConfig& config, const std::vector<ThinScan>& scans,
                          std::vector<double> eigenvalue_ratios);
 
   /// Does one registration per unit of `steps`. @return true when the search is done
   bool work(int steps, const Parallel& parallel);
   /// Once it is done: the velocity of the sensor in the first scan [twist / us], if another one than followed
-  /// explains the scans clearly better.
+  /// fits the scans clearly better.
   std::optional<Vector6d> found() const { return found_; }
 
  private:

@@ -52,7 +52,7 @@ std::optional<Submap> SubmapBuilder::add_new(const Pose& odom_from_sensor, ScanP
   const bool first_of_session = submap_.id == 0 && submap_.scans.empty();
   const bool lost_here = scan.state == TrackingState::kLost &&
                          (submap_.scans.empty() || submap_.scans.back().state != TrackingState::kLost);
-  // The way to a scan that tracking was lost at is a guess, and nothing that the submap has seen.
+  // The motion to a scan at which tracking was lost is a guess, and does not count as travelled.
   if (!first_of_session && !lost_here) {
     submap_.travelled_m += (odom_from_sensor.translation - last_odom_from_sensor_.translation).norm();
   }

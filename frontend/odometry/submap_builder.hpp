@@ -1,5 +1,5 @@
-// The open submap: collects one point a voxel and the scans' poses until the back-end gets it (paper, "Local
-// mapping").
+// The open submap: collects one point per voxel and the scans' poses until the back-end gets it (paper,
+// "Local mapping").
 #pragma once
 #include <cstdint>
 #include <optional>
@@ -18,7 +18,7 @@ namespace hp2 {
 /// Cuts the drive into submaps.
 class SubmapBuilder {
  public:
-  /// @param voxel_m  one point a voxel of this edge is kept
+  /// @param voxel_m one point per voxel of this edge is kept
   explicit SubmapBuilder(double voxel_m);
 
   std::int64_t id() const { return submap_.id; }
@@ -28,12 +28,12 @@ class SubmapBuilder {
   std::vector<ScanPose>& open_scans() { return submap_.scans; }
   const std::vector<ScanPose>& open_scans() const { return submap_.scans; }
 
-  /// Adds a registered scan. A submap ends at its length, and at a scan that tracking was lost at: what comes
-  /// after it does not fit what was seen before, so that scan's pose is the next keypose. (Where hardly
-  /// anything was seen before, the back-end keeps the sides apart; pieces.hpp.)
+  /// Adds a registered scan. A submap ends at its length, and at a scan at which tracking was lost: later
+  /// scans do not fit earlier ones, so that scan's pose is the next keypose. (After only a few scans the
+  /// submap goes on, and the back-end keeps the two sides apart; pieces.hpp.)
   /// @param points [m], sensor frame, deskewed
   /// @param scan   its submap_from_sensor is filled in here
-  /// @param length_m the submap ends once so much was travelled in it (beta)
+  /// @param length_m the submap ends after this distance travelled in it (beta)
   /// @return the submap if this scan finished it; the next one then begins at this scan's pose
   std::optional<Submap> add(const std::vector<Eigen::Vector3f>& points, const Pose& odom_from_sensor,
                             ScanPose& scan, std::int64_t skipped_before, double length_m) {

@@ -111,13 +111,13 @@ IcpResult Track::register_scan(const StampedCloud& scan, const Expectation& expe
   return icp;
 }
 
-// The registration tells how the sensor really moved in the sweep. Where that differs from the prediction,
-// the points are moved accordingly and registered once more.
+// The registration gives the sensor's motion in the sweep. Where that differs from the prediction, the points
+// are deskewed with it and registered again.
 IcpResult Track::deskew_again(IcpResult icp, const StampedCloud& scan, const Expectation& expected,
                               const Parallel& parallel) {
   for (int pass = 0; pass < config_.redeskew_passes && !scan.cloud.time.empty(); ++pass) {
     const Pose& pose = icp.map_from_source;
-    // After a gap the filter's motion is of another time.
+    // After a gap the filter's motion is outdated.
     const Vector6d better =
         expected.after_gap
             ? motion_.sweep_twist(scan.duration_us, pose, scan.utime)
@@ -183,7 +183,7 @@ void Track::learn_motion(const StampedCloud& scan, const Expectation& expected, 
   } else {
     motion_.add(v.pose, scan.utime, sweep_);
   }
-  // A step that the motion so far makes incredible is a doubt, whatever its fit.
+  // A step far beyond the motion so far is doubtful, whatever its fit.
   if (v.registered && robust_.motion_filter && motion_.surprise() > config_.incredible_surprise)
     v.state = TrackingState::kDegenerate;
 }

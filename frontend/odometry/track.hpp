@@ -69,7 +69,7 @@ class Track {
   void start_with(const Vector6d& velocity, std::int64_t duration_us, const Parallel& parallel);
   /// True while the first scan of the session is the only one.
   bool begins_session() const { return builder_.id() == 0 && builder_.open_scans().size() == 1; }
-  /// Makes the map anew with voxels of other sizes; its points stay where they are.
+  /// Rebuilds the map with voxels of other sizes; its points do not move.
   void set_sizes(const MapSizes& sizes);
   /// Moves the trajectory so far, the open submap and the map.
   void move(const Pose& by);
@@ -93,10 +93,10 @@ class Track {
     double stretch = 1.0;      // MotionModel::stretch()
     double error_m = 0.0;      // expected of the prediction; sigma but for its upper bound
     double sigma_m = 0.0;      // of the registration
-    bool after_gap = false;    // the motion so far hardly tells where the sensor is
+    bool after_gap = false;    // the motion so far gives no reliable prediction
     bool after_drops = false;  // scans are missing before this one
   };
-  // What a registered scan is worth.
+  // State and covariance of a registered scan.
   struct Verdict {
     Pose pose;
     Matrix6d covariance = Matrix6d::Zero();  // of the registration
@@ -144,7 +144,7 @@ class Track {
   bool moved_ = false;
   double usual_fit_ = 1.0;                                // running mean of IcpResult::fit
   Eigen::Vector3d evicted_at_ = Eigen::Vector3d::Zero();  // where the map was last cut to its radius
-  PreprocessedScan first_cloud_;  // of the first scan, until the second has told how fast the sensor was then
+  PreprocessedScan first_cloud_;  // of the first scan, until the second gives the sensor's speed
   IcpResult registration_;
 
   // Kept from scan to scan for their memory: the present scan's points as deskewed, those to register, and

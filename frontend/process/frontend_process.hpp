@@ -32,7 +32,7 @@ class FrontendProcess {
 
   /// To be called every few milliseconds.
   /// @return false when the session is over and stored
-  /// @throws Error if the session cannot be taken up, or another front-end runs it already
+  /// @throws Error if the session cannot be joined, or another front-end runs it already
   bool tick();
   int exit_status() const { return exit_status_; }
 

@@ -1,4 +1,4 @@
-// Finished submaps on their way to the back-end: kept until it has stored them, however often it dies.
+// Finished submaps for the back-end: kept until it has stored them, however often it dies.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -16,12 +16,13 @@ class KeptSubmaps {
   /// @param keep false: there is no back-end; submaps count as stored at once
   KeptSubmaps(Endpoint& endpoint, bool keep);
 
-  /// Forgets everything; the session goes on with submap `next_submap`, whose first scan is `next_sequence`.
+  /// Forgets everything; the session continues with submap `next_submap`, whose first scan is
+  /// `next_sequence`.
   /// @param ended nothing will follow
   void begin(std::int64_t next_submap, std::int64_t next_sequence, bool ended);
   /// Takes finished submaps, in order. @param ended nothing will follow
   void add(std::vector<SubmapOut> submaps, bool ended);
-  /// Lets go of what the back-end has stored. @return whether that was something
+  /// Drops what the back-end has stored. @return whether there was something
   bool drop_stored();
 
   bool empty() const { return kept_.empty(); }

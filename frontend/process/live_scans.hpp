@@ -1,4 +1,4 @@
-// Scans that somebody publishes without a handshake: a sensor's driver on HP2_SCAN, a replayed recording in
+// Scans published without a handshake: by a sensor's driver on HP2_SCAN, or by a replayed recording in
 // pieces.
 #pragma once
 #include <cstdint>
@@ -22,9 +22,9 @@ class LiveScans {
   /// @param warn    takes remarks for the user, one of each kind
   LiveScans(Endpoint& endpoint, int backlog, Warn warn);
 
-  /// Why live scans are not taken now, in words; empty: they are.
+  /// Why live scans are refused now, as text; empty: they are taken.
   void refuse(const std::string& why) { refused_because_ = why; }
-  /// The front-end goes on at this sequence number: live scans get this number and those after it.
+  /// The front-end continues at this sequence number: live scans get this number and those after it.
   void set_next_sequence(std::int64_t next) { streams_.set_next(next); }
   /// A whole encoded message. @param sender number of the process that sent it; 0: not known
   void take(const std::uint8_t* data, std::size_t size, std::int64_t sender);

@@ -1,4 +1,4 @@
-// What the front-end says of a scan, as odometry_t.
+// The front-end's output per scan, as odometry_t.
 #pragma once
 #include <hp2/odometry_t.hpp>
 

@@ -66,7 +66,7 @@ void RegistrationWorker::pause(bool paused) {
   to_register_.notify_all();
 }
 
-// An exception that left a thread would end the process without a word.
+// An exception that left a thread would end the process without a message.
 void RegistrationWorker::run_thread(void (RegistrationWorker::*loop)()) {
   RegistrationEvent event;
   try {

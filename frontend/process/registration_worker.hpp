@@ -1,4 +1,4 @@
-// The front-end's work off the bus's thread: one thread decodes scans, the next registers them, the last
+// The front-end's work outside the bus's thread: one thread decodes scans, the next registers them, the last
 // makes finished submaps ready to be sent.
 #pragma once
 #include <condition_variable>
@@ -38,9 +38,9 @@ struct SubmapOut {
 struct RegistrationEvent {
   std::int64_t generation = 0;             ///< As begin() returned it.
   std::int64_t sequence = -1;              ///< The scan; -1: none (end of session).
-  bool rejected = false;                   ///< The scan's bytes made no sense.
+  bool rejected = false;                   ///< The scan's bytes were invalid.
   std::optional<OdometryResult> odometry;  ///< If it was registered.
-  std::vector<OdometryResult> revised;     ///< Earlier scans of which it says something else now.
+  std::vector<OdometryResult> revised;     ///< Earlier scans that were re-estimated.
   std::vector<SubmapOut> submaps;          ///< That it finished.
   std::vector<std::string> warnings;
   bool ended = false;  ///< The session's last submap is among `submaps`, or there was nothing left to cut.
@@ -55,8 +55,8 @@ class RegistrationWorker {
   RegistrationWorker(const RegistrationWorker&) = delete;
   RegistrationWorker& operator=(const RegistrationWorker&) = delete;
 
-  /// Begins a session, or takes one up: forgets all jobs, waits for the one under way and goes on from
-  /// `state` (empty: anew).
+  /// Begins or continues a session: drops all jobs, waits for the running one and continues from `state`
+  /// (empty: begins).
   /// @return a number that marks all events from now on
   /// @throws Error if the state does not fit
   std::int64_t begin(std::int64_t session_id, const std::vector<std::uint8_t>& state);
@@ -92,7 +92,7 @@ class RegistrationWorker {
   std::unique_ptr<Frontend> frontend_;
 
   std::mutex mutex_;
-  // One a thread: a broadcast would wake all three, several times a scan.
+  // One per thread: a broadcast would wake all three, several times per scan.
   std::condition_variable to_decode_, to_register_, to_pack_, idle_;
   std::deque<Job> jobs_;  // in order; decoded ones may be registered
   std::deque<Parcel> parcels_;

@@ -1,4 +1,4 @@
-// What is wrong with the scans of a live producer, field by field and in its author's terms.
+// Checks the scans of a live producer, field by field, with messages for its author.
 #pragma once
 #include <cstdint>
 #include <set>
@@ -9,7 +9,7 @@
 
 namespace hp2 {
 
-/// Why decode_scan() refuses these bytes: the field, its value and what belongs there.
+/// Why decode_scan() refuses these bytes: the field, its value and the valid range.
 std::string scan_fault(const std::uint8_t* data, std::size_t size);
 
 /// Remarks on scans that can be decoded, each kind once.

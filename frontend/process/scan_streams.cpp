@@ -14,7 +14,7 @@ constexpr std::size_t kMostHeld = 8, kMostOthers = 4, kMostRecent = 64;
 constexpr std::int64_t kLongestStepUs = 3'600'000'000;
 constexpr std::int64_t kSmallGap = 10, kGapWithoutStamps = 100, kGapOfAnInterruption = 3000;
 constexpr double kSoonest = 0.8,
-                 kLatest = 1.25;  // of the usual step: the stamp tells that this scan is the next
+                 kLatest = 1.25;  // of the usual step: by its stamp this scan is the next
 constexpr double kOverlap = 0.4;  // of the duration: two sweeps of one sensor do not begin as close together
 constexpr double kSilentIntervals = 2.5;
 constexpr std::int64_t kUnknownIntervalUs = 100'000, kLongestIntervalUs = 400'000;
@@ -118,7 +118,7 @@ bool ScanStreams::active(std::int64_t now_us) const {
 Scan ScanStreams::numbered(Scan scan, std::int64_t skipped) {
   const std::int64_t number = next_ + skipped;
   if (scan.sequence >= 0 && !begun_) {
-    // A session that goes on: what the producer sent meanwhile is missing. A new one begins at 0.
+    // In a continued session the producer's scans since then are missing. A new one begins at 0.
     const bool later = next_ > 0 && scan.sequence >= next_ && scan.sequence - next_ < kGapOfAnInterruption;
     next_ = later ? scan.sequence : number;
   } else {
@@ -132,7 +132,7 @@ void ScanStreams::remark(const std::string& kind, const std::string& text) {
   if (told_.insert(kind).second) remarks_.push_back(text);
 }
 
-// The number of the scan before did not fit its stamp; this one tells whether the producer goes on from
+// The number of the scan before did not fit its stamp; this one shows whether the producer continues from
 // there.
 void ScanStreams::tell_about_number(const Scan& scan) {
   const std::int64_t odd = current_.other_sequence;
@@ -233,7 +233,7 @@ std::vector<Scan> ScanStreams::take(Scan scan, std::int64_t sender, std::int64_t
   const bool heirs = begun_ && !continues(current_) && std::any_of(others_.begin(), others_.end(), continues);
   const Fit now = begun_ && !heirs ? fit(current_, scan, sender) : Fit::kNo;
   if (now != Fit::kNo) return go_on(std::move(scan), sender, now_us, now);
-  if (!active(now_us)) {  // nobody else has a claim
+  if (!active(now_us)) {  // no other stream fits it
     if (begun_) ++counts_["live_streams"];
     current_ = begin(scan, sender, now_us);
     others_.clear();
@@ -251,8 +251,8 @@ std::vector<Scan> ScanStreams::take(Scan scan, std::int64_t sender, std::int64_t
            "left out and counted (live_scans_late)");
     return {};
   }
-  // One that has begun already, or a new one. Beside a silent stream every scan of the same source is its
-  // heir's.
+  // One that has begun already, or a new one. While its stream is silent, every scan of the same source
+  // belongs to the stream that follows it.
   auto other = std::find_if(others_.begin(), others_.end(), [&](const Stream& s) {
     return same_source(s, scan, sender) &&
            (!s.overlapped || !same_source(current_, scan, sender) || fit(s, scan, sender) != Fit::kNo);

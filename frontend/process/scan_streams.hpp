@@ -1,5 +1,5 @@
 // Which of the scans that come without a handshake are the session's, and which number each has there. A
-// producer's number, the stamp and the sender are judged together: none of them is believed against the
+// producer's number, the stamp and the sender are judged together: none of them counts against the
 // others.
 #pragma once
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace hp2 {
 
-/// Numbers live scans. Every scan that is left out is counted under its reason. Knows no network and no
+/// Numbers live scans. Every scan that is left out is counted under its reason. Uses no network and no
 /// clock.
 class ScanStreams {
  public:
@@ -45,14 +45,14 @@ class ScanStreams {
     std::string sensor;
     std::int64_t sender = 0;
     std::int64_t sequence = -1;        // of its last scan, as the producer counts (-1: it does not)
-    std::int64_t other_sequence = -1;  // what the last scan's own number was, if it was not believed
+    std::int64_t other_sequence = -1;  // the last scan's own number, if it was not used
     std::int64_t utime = 0, duration_us = 0;
     std::int64_t period_us = 0;                       // usual step of the stamps; 0: not known
     int steps = 0;                                    // that it was learned from
     std::int64_t missing_first = 0, missing_end = 0;  // numbers left out at its last gap
     std::int64_t heard_us = 0, interval_us = 0;       // last arrival, usual time between two
-    bool overlapped = false;                          // the session's stream went on after this one had begun
-    bool foreign = false;                             // known for another sensor's
+    bool overlapped = false;  // the session's stream continued after this one had begun
+    bool foreign = false;     // known for another sensor's
     std::deque<Scan> held;
   };
   enum class Fit { kNo, kNumber, kGap, kStamp };
