@@ -22,10 +22,10 @@ ReadAhead::~ReadAhead() {
 std::shared_ptr<const Scan> ReadAhead::get(std::size_t index) {
   const std::lock_guard<std::mutex> turn(get_mutex_);
   if (index >= source_.size())
-    return std::make_shared<const Scan>(source_.read(index));  // its error says it best
+    return std::make_shared<const Scan>(source_.read(index));  // its error is reported
   std::unique_lock<std::mutex> lock(mutex_);
   begin_ = index;
-  // What left the window is forgotten; a read of it that is under way ends in a slot that nobody sees.
+  // Scans that left the window are dropped; a running read of one ends in a slot that is not used.
   slots_.erase(slots_.begin(), slots_.lower_bound(index));
   slots_.erase(slots_.upper_bound(index + depth_), slots_.end());
   wanted_.notify_all();

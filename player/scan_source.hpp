@@ -27,7 +27,7 @@ struct SourceInfo {
   std::string path;    ///< Folder or file; "" for a synthetic drive.
 };
 
-/// A logged (or made) drive with random access to its scans.
+/// A logged or synthetic drive with random access to its scans.
 class ScanSource {
  public:
   virtual ~ScanSource() = default;
@@ -37,8 +37,8 @@ class ScanSource {
   /// Reads scan `index` in [0, size()). Its `sequence` is `index`; its `utime` is the START of the sweep,
   /// whatever instant the data set stamps. `time` is empty and `duration_us` 0 where the data has no time in
   /// the sweep. Thread-safe: several threads may read different scans at once.
-  /// @param used_up a scan that nobody needs any more: its memory may be used again
-  /// @throws Error if the file cannot be read, is truncated or lies about its size
+  /// @param used_up a scan that is no longer needed: its memory may be used again
+  /// @throws Error if the file cannot be read, is truncated, or its header gives a wrong size
   virtual Scan read(std::size_t index, Scan used_up) const = 0;
   Scan read(std::size_t index) const { return read(index, {}); }
   /// End of the sweep of scan `index` [us] as far as it is known without reading the scan; for real-time
@@ -50,8 +50,8 @@ class ScanSource {
   /// Ground truth in the LiDAR's frame, one per scan, at the END of each sweep where the data set knows it
   /// and at the scan's stamp otherwise; empty if there is none.
   virtual const std::vector<StampedPose>& ground_truth() const = 0;
-  /// What the reader noticed and the user should know ("times.txt is not monotonic: assuming 10 Hz"), in
-  /// words.
+  /// Remarks of the reader for the user, e.g. "times.txt is not monotonic: assuming 10
+  /// Hz".
   virtual std::vector<std::string> warnings() const { return {}; }
   /// Unit of the points' times, for people; "": they have none, or it is not known.
   virtual std::string time_in_sweep() const { return {}; }

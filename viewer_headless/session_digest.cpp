@@ -53,7 +53,7 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
   const auto by_sequence = [](const auto& a, const auto& b) { return a.sequence < b.sequence; };
   std::stable_sort(trajectory.begin(), trajectory.end(), by_sequence);
 
-  Pose start_from_odom;  // the odometry's way begins where the map does
+  Pose start_from_odom;  // the odometry's trajectory begins where the map does
   for (std::int64_t id = 0; id < view.submap_count; ++id) {
     const Submap submap = view.read_submap(id);
     const auto index = static_cast<std::size_t>(id);
@@ -80,8 +80,8 @@ SessionDigest digest_session(const SessionView& view, const PointSink& sink) {
     digest.map_from_submap.push_back(map_from_submap);
     digest.scans_skipped += submap.scans_skipped;
   }
-  // Scans that the trajectory knows but no readable submap holds still have a pose to write; unique() keeps
-  // the first of two, which after the stable sort is the submap's, with its diagnostics.
+  // Scans of the trajectory that are in no readable submap still have a pose to write; unique() keeps the
+  // first of two, which after the stable sort is the submap's, with its diagnostics.
   for (const TrajectoryPose& pose : trajectory) {
     digest.scans.push_back({pose.sequence,
                             pose.utime,

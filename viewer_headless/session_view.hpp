@@ -1,4 +1,4 @@
-// What the viewer writes its files from: a session as it stands, live or read back from disk.
+// The viewer's input: a session as it stands, live or read from disk.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -39,7 +39,7 @@ struct SessionView {
   nlohmann::ordered_json processes = nlohmann::ordered_json::object();
   /// Of the program that writes the files [MB]; 0: not known.
   double viewer_peak_memory_mb = 0.0;
-  /// Remarks of the processes on the data ("the scans carry no time in the sweep: no deskew"), in words.
+  /// Remarks of the processes on the data, e.g. "the scans carry no time in the sweep: no deskew".
   std::vector<std::string> warnings;
 
   std::int64_t scans_in =

@@ -51,7 +51,7 @@ Json of_processes(const Json& processes, const char* member) {
   return out;
 }
 
-// A number that the player says of itself; -1 if it is not known.
+// A number that the player has reported; -1 if unknown.
 std::int64_t of_player(const Json& processes, const char* member, const char* part = nullptr) {
   if (!processes.is_object() || !processes.contains("hp2_player")) return -1;
   const Json* value = &processes["hp2_player"];

@@ -1,4 +1,4 @@
-// Ouster OS0, OS1, OS2 (and DF): packets of columns, laid out as the profile says that the metadata names.
+// Ouster OS0, OS1, OS2 (and DF): packets of columns in the layout of the metadata's profile.
 #include "player/packets/ouster.hpp"
 
 #include <cmath>

@@ -15,10 +15,10 @@ struct OusterField {
   std::size_t upshift;  ///< Lower bits that the profile leaves out.
 };
 
-/// What the metadata says of a sensor.
+/// A sensor's metadata.
 struct OusterInfo {
-  std::string product;        ///< e.g. "OS-1-64"; "" if not said.
-  std::string serial_number;  ///< "" if not said.
+  std::string product;        ///< e.g. "OS-1-64"; "" if absent.
+  std::string serial_number;  ///< "" if absent.
   std::string profile;        ///< LEGACY, RNG19_RFL8_SIG16_NIR16_DUAL, ...
   bool fusa_header = false;
   std::size_t columns_per_frame = 0, columns_per_packet = 0, pixels_per_column = 0;
@@ -34,7 +34,7 @@ struct OusterInfo {
 /// @throws Error if it is no JSON, lacks something, or contradicts itself
 OusterInfo parse_ouster_metadata(const std::string& text, const std::string& where);
 
-/// Where the numbers of a packet lie. Offsets are within a packet of packet_bytes().
+/// Offsets and sizes of a packet's fields. Offsets are within a packet of packet_bytes().
 class OusterLayout {
  public:
   explicit OusterLayout(OusterInfo info);

@@ -1,5 +1,5 @@
-// A LiDAR's packets into scans. Whoever finds packets (a capture's reader, a bag's reader) hands them over in
-// the order of arrival; nothing here knows of files.
+// A LiDAR's packets into scans. Readers of captures and bags pass packets in the order of arrival; no file is
+// read here.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -20,7 +20,7 @@ struct PacketSensorOptions {
   std::string where;          ///< Where the packets came from, for error messages.
 };
 
-/// A turn of the sensor, or the part of one that was received, and where its packets are found again.
+/// A turn of the sensor, or the part of one that was received, and where its packets are.
 struct Turn {
   std::int64_t utime = 0;  ///< Start of the sweep [us]: the sensor's clock where it is near the receiver's.
   std::int64_t duration_us = 0;  ///< Length of the sweep [us].
@@ -39,7 +39,7 @@ struct PacketCounts {
   std::uint64_t reordered = 0;  ///< Put back into their place.
   std::uint64_t late = 0;       ///< Left out: too late to be put back.
   std::uint64_t refused = 0;    ///< Not of this sensor's form, or with a time that cannot be.
-  std::uint64_t lost = 0;       ///< Missing, as the gaps in the sensor's times tell.
+  std::uint64_t lost = 0;       ///< Missing, by the gaps in the sensor's times.
 };
 
 /// Packets of one sensor into turns. One stream, one decoder, one thread.

@@ -65,7 +65,7 @@ class StreamDecoder final : public PacketDecoder {
       }
       return hold(std::move(packet), turns);
     }
-    // The time jumps. The next packet tells whether the clock did, or whether this one packet is wrong.
+    // The time jumps. The next packet shows whether the clock jumped, or whether this one packet is wrong.
     if (suspect_ && std::abs(packet.time_ns - suspect_->time_ns) < kStep_ns) {
       flush(turns);
       newest_.reset();

@@ -14,7 +14,7 @@ namespace hp2 {
 struct PacketBlock {
   double azimuth_deg = 0.0;  ///< In [0, 360), in the order of time; a turn ends where it passes 0.
   std::int64_t time_ns = 0;  ///< Start of the block after the packet's own time.
-  std::int64_t turn = -1;    ///< Number of the turn, where the sensor says it.
+  std::int64_t turn = -1;    ///< Number of the turn, where the sensor gives it.
   std::size_t index = 0;     ///< Which block of the packet.
 };
 
@@ -64,7 +64,7 @@ std::shared_ptr<const PacketSensor> recognise_hesai(std::string_view payload);
 std::shared_ptr<const PacketSensor> recognise_ouster(std::string_view payload,
                                                      const PacketSensorOptions& options);
 
-/// The number at `offset` of a packet, little-endian. The caller vouches that it lies in it.
+/// The number at `offset` of a packet, little-endian. The caller ensures that it lies inside.
 template <typename T>
 T packet_number(std::string_view payload, std::size_t offset) {
   T value = 0;

@@ -108,7 +108,7 @@ void PlayerProcess::on_command(const control_t& command, bool named) {
   }
 }
 
-// Scans before it need not be played any more, as the front-end says.
+// Scans before it need not be played any more, as the front-end has reported.
 std::int64_t PlayerProcess::registered() const { return std::min(total_, outbox_.wanted_id()); }
 
 // When scan `index` appears, on the recorded clock without its long gaps [us].
@@ -181,8 +181,8 @@ void PlayerProcess::report() {
                  waiting || paused_ || report.done == total_ ? report.text : "", bus_.now_us());
 }
 
-// The session is complete, and there is no front-end (any more) that would say so: it was killed, or began
-// after the back-end had left.
+// The session is complete, and no front-end is there to report it: it was killed, or began after the back-end
+// had ended.
 bool PlayerProcess::nobody_asks() const {
   return session_ended_us_ != 0 &&
          bus_.now_us() - std::max(session_ended_us_, outbox_.heard_us()) > kUnaskedUs;

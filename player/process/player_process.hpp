@@ -63,7 +63,7 @@ class PlayerProcess {
   std::int64_t allowed_ = 0;   // while paused: scans before it may be sent
   std::int64_t appeared_ = 0;  // real time: scans before it have appeared
   std::int64_t clock_start_us_ = -1, clock_base_us_ = 0, last_tick_us_ = 0;
-  std::int64_t session_ended_us_ = 0;  // the back-end says so since; 0: it does not
+  std::int64_t session_ended_us_ = 0;  // the back-end has reported it since; 0: it has not
   std::vector<std::int64_t> due_us_;   // when scans appear, long gaps cut short
   std::size_t damaged_ = 0;
   int exit_status_ = 0;

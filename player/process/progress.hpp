@@ -1,4 +1,4 @@
-// The one line that a person watches: scans done, scans a second, times real time, time left.
+// The progress line: scans done, scans per second, times real time, time left.
 #pragma once
 #include <cstdint>
 #include <string>

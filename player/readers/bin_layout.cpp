@@ -25,7 +25,7 @@ const std::array<BinLayout, 10> kLayouts = {{
     {"xyzit-double", "float64 x y z intensity time", kDouble, 40, 3, -1, 4},
 }};
 
-constexpr std::size_t kFewPoints = 100;  // of fewer nothing can be said
+constexpr std::size_t kFewPoints = 100;  // fewer give no decision
 constexpr double kMostRange_m = 500.0;
 
 double median(std::vector<double> v) {

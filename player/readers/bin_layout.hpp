@@ -28,7 +28,7 @@ const BinLayout& kitti_bin_layout();
 /// @throws Error that names the known ones
 const BinLayout& bin_layout_of_name(const std::string& name);
 
-/// A layout, and what to tell the user of how it was found; "" if it is the usual one.
+/// A layout, and a remark for the user on how it was found; "" if it is the usual one.
 struct BinLayoutChoice {
   const BinLayout* layout = nullptr;
   std::string note;
@@ -36,8 +36,8 @@ struct BinLayoutChoice {
 
 /// The layout that a drive's first scans have: KITTI's if it is plausible, else the one that is clearly
 /// right.
-/// @param files the contents of some scans; those of no bytes tell nothing
-/// @throws Error that says what was found if none is
+/// @param files the contents of some scans; empty ones are ignored
+/// @throws Error with what was found, if no layout fits
 BinLayoutChoice choose_bin_layout(const std::vector<std::string>& files, const std::string& where);
 
 /// Reads the records of one file. @throws Error if the size is no multiple of the record's

@@ -23,7 +23,7 @@ enum class ScalarType {
 /// Bytes of one number.
 std::size_t scalar_size(ScalarType type);
 
-/// One number a point, `stride` bytes apart, no alignment assumed.
+/// One number per point, `stride` bytes apart, no alignment assumed.
 struct Column {
   const char* first = nullptr;  ///< Number of point 0.
   std::size_t stride = 0;       ///< Bytes from one point to the next.
@@ -31,7 +31,7 @@ struct Column {
   bool big_endian = false;
 };
 
-/// Appends nothing, replaces all: `out` becomes the n numbers of `column`, converted. The caller vouches that
+/// Appends nothing, replaces all: `out` becomes the n numbers of `column`, converted. The caller ensures that
 /// first + (n - 1) * stride + scalar_size(type) lies inside its block.
 void read_column(const Column& column, std::size_t n, std::vector<float>& out);
 void read_column(const Column& column, std::size_t n, std::vector<double>& out);

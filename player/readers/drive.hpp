@@ -1,4 +1,4 @@
-// A drive whose scans are one file each: what every reader of such a data set makes, and the ScanSource
+// A drive whose scans are one file each, as made by every reader of such a data set, and the ScanSource
 // around it.
 #pragma once
 #include <cstdint>
@@ -33,7 +33,8 @@ struct Drive {
   std::string time_in_sweep;  ///< Unit of the points' times, for people; "": the points have none.
   /// Instant of the sweep that DriveScan::utime marks where duration_us is 0: 0 start, 0.5 middle, 1 end.
   double stamp_in_sweep = 0.0;
-  /// False where the format says how the points lie in the sweep: the scans are not asked (settle_sweep()).
+  /// False where the format defines how the points lie in the sweep: the scans are not examined
+  /// (settle_sweep()).
   bool sweep_in_doubt = true;
   /// Replaces the points, which may be those of an older scan, and sets the times in the sweep, if there are
   /// any, which are empty; everything else of the scan is set already. Called from several threads.

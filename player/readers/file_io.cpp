@@ -51,7 +51,7 @@ std::string lower(std::string s) {
 
 namespace {
 
-/// Opens `path` and tells its size.
+/// Opens `path` and gets its size.
 int open_regular(const std::string& path, std::size_t& size) {
   // O_NONBLOCK: opening a named pipe must not wait for its writer; it is refused below.
   Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
@@ -147,7 +147,7 @@ void PartFile::read(std::uint64_t offset, std::size_t n, std::string& bytes) con
 std::string expand_gzip(std::string_view bytes, const std::string& path) {
   const std::unique_ptr<libdeflate_decompressor, void (*)(libdeflate_decompressor*)> expander(
       ::libdeflate_alloc_decompressor(), ::libdeflate_free_decompressor);
-  // The size at the file's end may lie; deflate makes at most 1032 bytes of one.
+  // The size at the file's end may be wrong; deflate expands a byte to at most 1032.
   const std::size_t most = std::min(kMaxFileBytes, bytes.size() * 1032);
   std::uint32_t promised = 0;
   if (bytes.size() >= 18) std::memcpy(&promised, bytes.data() + bytes.size() - 4, sizeof(promised));

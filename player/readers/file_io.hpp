@@ -86,7 +86,7 @@ std::string read_text(const std::string& path);
 /// The lines of `text` without their ends; a carriage return before the end belongs to the end.
 std::vector<std::string_view> split_lines(std::string_view text);
 
-/// The numbers in a line, separated by blanks, tabs, commas or semicolons. What is no number becomes NaN.
+/// The numbers in a line, separated by blanks, tabs, commas or semicolons. Other words become NaN.
 std::vector<double> parse_numbers(std::string_view line);
 
 /// Order in which people count: "scan2" before "scan10". Digits compare as numbers of any length.

@@ -14,7 +14,7 @@ namespace hp2 {
 /// rotation.
 std::optional<Pose> pose_from_numbers(const double* numbers, std::size_t n);
 
-/// Reads a KITTI pose file: one matrix a line. A line that is no pose gives an empty entry.
+/// Reads a KITTI pose file: one matrix per line. A line without a valid pose gives an empty entry.
 /// @throws Error if the file cannot be read
 std::vector<std::optional<Pose>> read_kitti_poses(const std::string& path);
 
@@ -32,16 +32,16 @@ std::vector<StampedPose> read_tum_poses(const std::string& path);
 std::vector<StampedPose> read_stamped_matrices(const std::string& path);
 
 /// A time as a word of digits, exact where a double would not be: whole nanoseconds (unit_s = 1e-9) or
-/// seconds. Nothing if it is no number, or none that a clock could show.
+/// seconds. Nothing if it is not a number, or not a possible time.
 std::optional<std::int64_t> parse_stamp(std::string_view word, double unit_s);
 
-/// Pose at `utime` out of poses sorted by time: between its two neighbours, or from the nearest one if a
+/// Pose at `utime` from poses sorted by time: between its two neighbours, or from the nearest one if a
 /// neighbour is further away than `max_gap_us`; up to `max_gap_us` beyond the ends. Nothing if no pose is
 /// that near.
 std::optional<Pose> pose_at(const std::vector<StampedPose>& trajectory, std::int64_t utime,
                             std::int64_t max_gap_us);
 
-/// Pose at `later_us[i]` for each i out of poses at `known_us[i]`, some of them missing.
+/// Pose at `later_us[i]` for each i from poses at `known_us[i]`, some of them missing.
 std::vector<std::optional<Pose>> shift_poses(const std::vector<std::optional<Pose>>& poses,
                                              const std::vector<std::int64_t>& known_us,
                                              const std::vector<std::int64_t>& later_us);

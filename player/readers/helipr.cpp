@@ -1,4 +1,4 @@
-// HeLiPR: LiDAR/SENSOR/TIME.bin of four sensors, each with its own record a point.
+// HeLiPR: LiDAR/SENSOR/TIME.bin of four sensors, each with its own record per point.
 #include <algorithm>
 #include <charconv>
 

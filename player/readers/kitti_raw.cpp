@@ -118,7 +118,7 @@ void set_ground_truth(const std::string& folder, const std::vector<std::size_t>&
     drive.ground_truth.push_back(pose_at(trajectory, scan.utime_end(), 1'000'000));
 }
 
-/// Older copies of the data set: a line "x y z intensity" a point.
+/// Older copies of the data set: a line "x y z intensity" per point.
 void parse_text_scan(const std::string& path, Scan& scan) {
   const std::string text = read_text(path);
   for (auto* column : {&scan.x, &scan.y, &scan.z, &scan.intensity}) column->clear();

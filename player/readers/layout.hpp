@@ -1,4 +1,4 @@
-// What tells one data set's folder from another's.
+// Recognises the data set of a folder.
 #pragma once
 #include <cstdint>
 #include <optional>
@@ -13,7 +13,7 @@ namespace hp2 {
 std::optional<Pose> kitti_camera_from_lidar(const std::string& path);
 
 /// Time [us] that a file is named by, alone or after an underscore: 19 digits (nanoseconds), 16
-/// (microseconds), SECONDS.FRACTION, SECONDS_NANOSECONDS; -1 if its name is no time.
+/// (microseconds), SECONDS.FRACTION, SECONDS_NANOSECONDS; -1 if its name is not a time.
 std::int64_t stamp_of_name(const std::string& name);
 
 /// Stamps [us] of files that are named by their times. Names that are none, or do not rise: 10 Hz, and a

@@ -42,8 +42,8 @@ Drive open_mulran(const std::string& given) {
     const std::string path = scans + "/" + names[i];
     std::error_code error;
     const bool whole = std::filesystem::file_size(path, error) == kPoints * 4 * sizeof(float) && !error;
-    // A scan with lost columns cannot tell when its points were taken: its stamp is the sweep's middle, on
-    // the whole.
+    // A scan with lost columns gives no times of its points: its stamp is taken as the sweep's
+    // middle.
     drive.scans.push_back({path, whole ? stamps[i] : stamps[i] + sweep_us / 2, whole ? sweep_us : 0, 0});
     damaged += !whole;
   }

@@ -16,7 +16,7 @@ namespace {
 struct Field {
   std::string name;
   ScalarType type = ScalarType::kFloat32;
-  std::size_t count = 1;   ///< Numbers a point.
+  std::size_t count = 1;   ///< Numbers per point.
   std::size_t offset = 0;  ///< Bytes from the point's first byte.
   std::size_t column = 0;  ///< Number of its first column in an ascii table.
 };
@@ -25,7 +25,7 @@ struct Header {
   std::vector<Field> fields;
   std::size_t n = 0;       ///< Points.
   std::size_t stride = 0;  ///< Bytes per point.
-  std::size_t width = 0;   ///< Numbers a point.
+  std::size_t width = 0;   ///< Numbers per point.
   std::string data;        ///< ascii, binary, binary_compressed
 };
 
@@ -184,7 +184,7 @@ void parse_pcd(std::string_view bytes, const std::string& path, PointFile& out) 
   std::uint32_t sizes[2] = {0, 0};  // compressed, expanded
   if (bytes.size() >= sizeof(sizes)) std::memcpy(sizes, bytes.data(), sizeof(sizes));
   if (bytes.size() < sizeof(sizes) || sizes[0] > bytes.size() - sizeof(sizes)) fail(lie, path);
-  // LZF makes at most 264 bytes of 3: a header that claims more lies, and gets no memory.
+  // LZF expands 3 bytes to at most 264: a header that claims more is wrong, and gets no memory.
   if (header.n != sizes[1] / header.stride || sizes[1] % header.stride != 0 || sizes[1] / 88 > sizes[0])
     fail(lie, path);
   std::vector<char> table(sizes[1]);

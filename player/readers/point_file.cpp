@@ -48,7 +48,7 @@ void make_room(std::size_t bytes, const std::string& path, PointFile& out) {
 // Points [begin, begin + bytes / 16), for which there is room.
 void parse_records(std::string_view bytes, std::size_t begin, Scan& scan) {
   const std::size_t n = bytes.size() / kRecord;
-  const char* __restrict from = bytes.data();  // that nothing overlaps lets the compiler make vectors of it
+  const char* __restrict from = bytes.data();  // without overlaps the compiler vectorises it
   float *__restrict x = scan.x.data() + begin, *__restrict y = scan.y.data() + begin,
                     *__restrict z = scan.z.data() + begin, *__restrict intensity = scan.intensity.data() + begin;
   for (std::size_t i = 0; i < n; ++i, from += kRecord) {

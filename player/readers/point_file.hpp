@@ -44,7 +44,7 @@ void parse_pcd(std::string_view bytes, const std::string& path, PointFile& out);
 /// @throws Error if the header is not understood or promises more than the file has
 void parse_ply(std::string_view bytes, const std::string& path, PointFile& out);
 
-/// Text, a point a line: x y z [intensity] [time], or columns that the first line names.
+/// Text, a point per line: x y z [intensity] [time], or columns that the first line names.
 /// @throws Error if a line has not the numbers that the first one has
 void parse_text_points(std::string_view text, const std::string& path, PointFile& out);
 

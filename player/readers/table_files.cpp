@@ -1,4 +1,4 @@
-// Tables of points: text with one point a line, NumPy arrays, LAS (not compressed).
+// Tables of points: text with one point per line, NumPy arrays, LAS (not compressed).
 #include <algorithm>
 #include <charconv>
 #include <cmath>

@@ -23,9 +23,9 @@ std::int64_t estimate_sweep(const std::vector<std::int64_t>& stamps);
 
 /// The unit of per-point times, found once a drive.
 struct TimeUnit {
-  double unit_s = 0.0;           ///< Seconds; 0: no unit that makes sense, each scan is stretched to 0..1.
+  double unit_s = 0.0;           ///< Seconds; 0: no plausible unit, each scan is stretched to 0..1.
   bool normalised = false;       ///< They are 0..1 already.
-  bool absolute = false;         ///< They are of the same clock as the stamps: they say when the sweep began.
+  bool absolute = false;         ///< They are on the same clock as the stamps: they give the sweep's start.
   std::int64_t duration_us = 0;  ///< Length of a sweep.
   /// Start of the sweep after the scan's own stamp: not 0 if times are negative, or absolute and of another
   /// instant than the stamp.
@@ -33,7 +33,7 @@ struct TimeUnit {
 };
 
 /// Finds the unit from a few scans' raw times and the typical step between stamps [us].
-/// @param known_unit_s seconds, where the format says it; 0: find it
+/// @param known_unit_s seconds, where the format defines it; 0: find it
 /// @param stamps_us    the samples' stamps, to recognise absolute times; may be empty
 TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::int64_t step_us,
                         double known_unit_s = 0.0, const std::vector<std::int64_t>& stamps_us = {});

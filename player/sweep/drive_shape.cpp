@@ -14,7 +14,7 @@
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kMostSampled = 3;    // scans that tell the unit
+constexpr std::size_t kMostSampled = 3;    // scans to find the unit from
 constexpr std::size_t kMostLookedAt = 12;  // scans among which these are sought: some may be empty or damaged
 constexpr double kLongestRange_m = 500.0;  // half of a sensor's points never lie beyond it
 constexpr double kCoarsest_m = 30.0;       // no sensor rounds to whole metres
@@ -63,7 +63,7 @@ Lengths measure_lengths(const Drive& drive) {
   }
   std::sort(medians.begin(), medians.end());
   if (!medians.empty())
-    lengths.median_range = medians[(medians.size() - 1) / 2];  // one odd scan tells nothing
+    lengths.median_range = medians[(medians.size() - 1) / 2];  // one odd scan is no evidence
   return lengths;
 }
 

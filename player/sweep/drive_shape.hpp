@@ -7,7 +7,7 @@
 
 namespace hp2 {
 
-/// Has the points scaled to metres where they are millimetres, and says so in the drive's warnings.
+/// Scales the points to metres where they are millimetres, with a remark in the drive's warnings.
 /// @param unit "m", "mm", "cm"; "": find it
 /// @throws Error if the points are no LiDAR's in any unit, or the unit is not known
 void settle_length_unit(Drive& drive, const std::string& unit = "");

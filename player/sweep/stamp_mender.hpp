@@ -32,9 +32,9 @@ struct MendedStamps {
 /// - Copies (equal or near stamps, same points) are left out.
 /// - A scan whose stamp fits a gap before it came late: it is moved there.
 /// - A single stamp that contradicts its neighbours, or is missing, is replaced by one between theirs.
-/// - Where the clock steps back for good, what follows is shifted so that time goes on.
+/// - Where the clock steps back for good, the stamps after it are shifted so that time continues.
 /// - Where it jumps ahead for good, the stamps stay as they are, and the jump is reported.
-/// - Stamps that hardly ever rise are of no use: 10 Hz is assumed.
+/// - Stamps that rarely rise are not used: 10 Hz is assumed.
 ///
 /// @param times_s one per scan [s]; not finite: missing
 /// @param what    where they were found, for the warnings

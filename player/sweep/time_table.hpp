@@ -1,4 +1,4 @@
-// Files of times, one scan a line, as people and programs write them.
+// Files of times, one scan per line, as people and programs write them.
 #pragma once
 #include <string>
 #include <string_view>

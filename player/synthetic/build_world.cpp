@@ -8,7 +8,7 @@
 namespace hp2 {
 namespace {
 
-/// Adds things to a world, each standing on the ground.
+/// Adds objects to a world, each standing on the ground.
 class Builder {
  public:
   explicit Builder(std::uint64_t seed) : random(seed * 0x9e3779b9ULL + 17) {}

@@ -1,4 +1,4 @@
-// The way that the sensor takes through a synthetic world, as a smooth function of time.
+// The sensor's trajectory through a synthetic world, as a smooth function of time.
 #pragma once
 #include <vector>
 
@@ -11,14 +11,14 @@ namespace hp2 {
 
 /// How a route is driven.
 struct RouteOptions {
-  bool closed = false;                ///< The way points are a ring.
+  bool closed = false;                ///< The waypoints are a ring.
   double repeat_m = 0.0;              ///< How much of a ring is driven a second time.
   double corner_m = 6.0;              ///< How far corners are rounded.
-  double right_m = 0.0;               ///< Drive so far to the right of the way points.
+  double right_m = 0.0;               ///< Distance to the right of the waypoints.
   double weave_m = 0.0;               ///< Amplitude of a slow weaving, so that no two passes are the same.
   double max_speed = 8.0;             ///< [m/s]
   double lateral_acceleration = 2.5;  ///< Limit in bends [m/s^2].
-  double acceleration = 1.5;          ///< Limit along the way, also when braking [m/s^2].
+  double acceleration = 1.5;          ///< Limit along the route, also when braking [m/s^2].
   double sensor_height_m = 1.8;       ///< Above the ground.
   double sway_rad = 0.005;            ///< Amplitude of roll and pitch.
 };
@@ -43,7 +43,7 @@ class Route {
 
   RouteOptions options_;
   Ground ground_;
-  std::vector<Eigen::Vector2d> points_;  ///< kPointStep apart along the way.
+  std::vector<Eigen::Vector2d> points_;  ///< kPointStep apart along the route.
   std::vector<double> distance_at_;      ///< Distance travelled [m] at each kTimeStep.
   std::vector<double> speed_at_;         ///< And the speed there [m/s].
 };

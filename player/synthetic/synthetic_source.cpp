@@ -90,7 +90,7 @@ std::vector<Scene> make_scenes() {
   };
 }
 
-/// A world, a way through it, and the sensor that looks.
+/// A world, a route through it, and the sensor.
 class SyntheticDrive {
  public:
   SyntheticDrive(const Scene& scene, std::uint64_t seed)

@@ -1,4 +1,4 @@
-// Drives that the player makes itself: `synthetic:SCENE[:SEED]`.
+// Synthetic drives: `synthetic:SCENE[:SEED]`.
 #pragma once
 #include <memory>
 #include <string>

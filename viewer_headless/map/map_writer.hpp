@@ -1,5 +1,5 @@
-// The map as map.ply and map.pcd, written while the points come: one point a voxel, memory for the voxels'
-// bits alone.
+// The map as map.ply and map.pcd, written while the points arrive: one point per voxel, one bit of memory per
+// voxel.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -36,7 +36,7 @@ class VoxelSet {
 /// Writes both files at once, binary little-endian, float x y z [m], map frame.
 class MapWriter {
  public:
-  /// @throws Error if the files cannot be made in `folder`
+  /// @throws Error if the files cannot be created in `folder`
   MapWriter(const std::string& folder, double voxel_m);
   /// Takes a point if its voxel is new.
   void add(const Eigen::Vector3d& point);

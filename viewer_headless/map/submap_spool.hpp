@@ -14,7 +14,7 @@ namespace hp2 {
 /// Encoded submaps on disk, by id. Thread-safe. The file is gone when the process is.
 class SubmapSpool {
  public:
-  /// @throws Error if no file can be made in `folder`
+  /// @throws Error if no file can be created in `folder`
   explicit SubmapSpool(const std::string& folder);
   ~SubmapSpool();
   SubmapSpool(const SubmapSpool&) = delete;

@@ -178,9 +178,9 @@ void ViewerProcess::report() {
   presence_.set(report);
 }
 
-// The back-end may not know yet that everything is written. Its offers tell that it is there: a session
-// that is written quickly is finished before the back-end's first STATUS has come. While it is silent the
-// link may be down.
+// The back-end may not know yet that everything is written. Its offers show that it is there: a session that
+// is written quickly is finished before the back-end's first STATUS. While it is silent the link may be
+// down.
 bool ViewerProcess::backend_waits() {
   const std::int64_t now = bus_.now_us();
   if (written_us_ == 0) written_us_ = told_since_us_ = now;
@@ -192,7 +192,7 @@ bool ViewerProcess::backend_waits() {
 
 bool ViewerProcess::tick() {
   endpoint_.poll();
-  // Submaps that made no sense are asked for again.
+  // Invalid submaps are requested again.
   if (submaps_.next_delivery() > spool_.size()) submaps_.seek(spool_.size());
   if (new_graph_) {
     auto trajectory = std::move(state_.trajectory);
@@ -200,7 +200,7 @@ bool ViewerProcess::tick() {
     state_.trajectory = std::move(trajectory);
     new_graph_.reset();
   }
-  // Done with the last graph is who has written everything: until then the back-end stays.
+  // A viewer is done with the last graph when it has written everything; the back-end waits for that.
   const bool unwritten = state_.ended && !written_final_;
   graph_.acknowledge(graph_revision_ + 1, graph_revision_ + (unwritten ? 0 : 1));
   trajectory_.acknowledge(trajectory_revision_ + 1, trajectory_revision_ + 1);

@@ -67,7 +67,7 @@ class ViewerProcess {
   std::optional<GraphState> new_graph_;
   std::int64_t first_odometry_us_ = 0, last_odometry_us_ = 0;
   std::int64_t last_write_us_ = 0, written_files_ = 0, written_us_ = 0, backend_us_ = 0;
-  std::int64_t told_since_us_ = 0;  // the back-end is there and hears that everything is written
+  std::int64_t told_since_us_ = 0;  // the back-end is there and learns that everything is written
   bool export_now_ = false, stop_ = false, stop_all_ = false, written_final_ = false, writing_final_ = false;
 
   std::thread writer_;

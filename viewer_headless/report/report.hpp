@@ -1,5 +1,5 @@
-// report.html: one file that opens from disk without a network and tells what ran, how well, and what to
-// mind.
+// report.html: one file that opens from disk without a network and shows what ran, how well, and what to
+// check.
 #pragma once
 #include <optional>
 #include <string>
@@ -19,9 +19,9 @@ struct Remark {
   std::string text, advice;
 };
 
-/// What the session's figures say that a person should look at: losses, skipped scans, degenerate or lost
-/// stretches, gaps in the stamps, slow scans, revisits that were not closed, an unfinished session, and the
-/// processes' own remarks.
+/// Warnings on the session for the user: losses, skipped scans, degenerate or lost stretches, gaps in the
+/// stamps, slow scans, revisits that were not closed, an unfinished session, and the processes' own
+/// remarks.
 std::vector<Remark> make_remarks(const SessionView& view, const SessionDigest& digest,
                                  const nlohmann::ordered_json& summary);
 

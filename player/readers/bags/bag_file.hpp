@@ -19,12 +19,12 @@ enum class Encoding {
   kOther  ///< Not understood here (protobuf, JSON, ...).
 };
 
-/// Where a message lies; what the numbers mean is the bag's own business.
+/// Where a message lies; the meaning of the numbers is the bag's own.
 struct MessageRef {
   std::int64_t utime = 0;   ///< When it was recorded [us].
   std::uint64_t at = 0;     ///< Offset, or the number of a row.
   std::uint32_t chunk = 0;  ///< Chunk of the file.
-  std::uint32_t file = 0;   ///< Part of the recording; set by whoever opens several.
+  std::uint32_t file = 0;   ///< Part of the recording; set by the caller that opens several.
 };
 
 /// A topic of a bag.
@@ -57,7 +57,7 @@ class BagFile {
   virtual std::string_view read(const MessageRef& ref, std::size_t most, MessageBytes& memory) const = 0;
 
   const std::vector<BagTopic>& topics() const { return topics_; }
-  /// What is damaged or missing, in words.
+  /// What is damaged or missing, as text.
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  protected:

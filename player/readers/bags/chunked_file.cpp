@@ -46,7 +46,7 @@ std::shared_ptr<const Expanded> ChunkedFile::expanded(std::uint32_t index, std::
     throw Error(c.compression == Compression::kUnknown ? "a chunk's compression is not known"
                                                        : "a chunk claims an impossible size",
                 where(index), "Record it again, or repair the recording.");
-  // The head of a message is asked for in parts. Asked for more than that, all of it will be needed.
+  // The head of a message is requested in parts. If more is requested, all of it will be needed.
   std::uint64_t most = known ? kMostExpanded : std::min(least + kWindow, kMostExpanded);
   if (most >= c.expanded / 2) most = std::max(c.expanded, most);
   auto made = std::make_shared<Expanded>(expand(
@@ -54,7 +54,7 @@ std::shared_ptr<const Expanded> ChunkedFile::expanded(std::uint32_t index, std::
   if (made->bytes.size() == c.expanded) made->complete = true;  // nothing but the frame's end is missing
   if (made->complete && c.crc != 0 && crc32(made->bytes.data(), made->bytes.size()) != c.crc)
     throw Error("a chunk does not fit its checksum", where(index), "Copy the recording again.");
-  // What cannot be expanded further is all there is: nobody need try again.
+  // A chunk that cannot be expanded further is kept as it is, without another try.
   if (!made->complete && made->bytes.size() < most) made->complete = true;
   const std::lock_guard<std::mutex> lock(mutex_);
   recent_.remove_if([&](const auto& entry) { return entry.first == index; });

@@ -48,7 +48,7 @@ Layout take_layout(MessageReader& reader, CloudMessage& out) {
   return layout;
 }
 
-/// The first point, rows without gaps. Rows lie one behind the other where row_step is none that fits.
+/// The first point, rows without gaps. Rows lie one behind the other where row_step is invalid.
 /// @throws Error if the data are fewer than the points need
 const char* find_points(const Layout& layout, std::string_view data, const std::string& where,
                         CloudMessage& out) {

@@ -22,7 +22,7 @@ constexpr double kSteadyOffset_s = 0.5;   // spread of the offset between two cl
 constexpr double kRemarkableOffset_s = 5e-3;
 constexpr std::size_t kSamples = 5;
 
-/// What is known of a message, in the order in which the recording stores them.
+/// Stamps and times of a message, in the order in which the recording stores them.
 struct Entry {
   MessageRef ref;
   double header_s = kNone;
@@ -198,7 +198,7 @@ double find_start(std::vector<double>& raw, const TimeUnit& unit) {
   const double longest = 3.0 * static_cast<double>(unit.duration_us) * 1e-6 / unit.unit_s;
   const double high = *std::max_element(raw.begin(), raw.end());
   if (high - low <= longest) return low;
-  // Some of the times are none: what lies about a sweep before the median is one.
+  // Some of the times are invalid: those within about a sweep before the median are valid.
   const double earliest = quantile(raw, 0.5) - 0.5 * longest;
   double start = high;
   for (const double t : raw)

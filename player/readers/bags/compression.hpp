@@ -17,14 +17,14 @@ Compression compression_of_name(std::string_view name);
 /// The compression that bytes begin with, by their magic number; kNone if it is none of these.
 Compression compression_of_bytes(std::string_view bytes);
 
-/// What came out of a compressed block.
+/// Result of expanding a compressed block.
 struct Expanded {
   std::string bytes;
   bool complete =
       false;  ///< The block's end was reached; otherwise it is damaged, cut off, or `most` ended it.
 };
 
-/// Expands a block. The result grows with what really comes out, whatever a header claims.
+/// Expands a block. Memory grows with the actual output, whatever a header claims.
 /// @param most  stop after so many bytes
 /// @param reuse memory to expand into
 /// @throws Error if the library does not start

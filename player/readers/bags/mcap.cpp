@@ -151,7 +151,7 @@ class Mcap final : public BagFile {
     if (bytes == 0) return;
     const auto channel = channels_.find(id);
     if (channel == channels_.end() || bytes + std::uint64_t{6} > length) {
-      unknown_channel_ = true;  // the chunk itself tells of it
+      unknown_channel_ = true;  // the chunk's own error reports it
       return;
     }
     for (std::uint64_t i = 0; i + 16 <= bytes; i += 16) {

@@ -92,7 +92,7 @@ void set_packet_topic_scans(std::shared_ptr<const Recording> recording, const Ba
                           ++key;
                         });
       } catch (const Error&) {
-        ++*damaged;  // its packets are as those that were lost on the way
+        ++*damaged;  // its packets count as lost
       }
     }
   };

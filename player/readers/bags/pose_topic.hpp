@@ -1,4 +1,4 @@
-// Ground truth out of a recording's own topics.
+// Ground truth from a recording's own topics.
 #pragma once
 #include <string>
 #include <vector>
@@ -15,7 +15,7 @@ bool is_pose_type(const std::string& type);
 bool is_transform_type(const std::string& type);
 
 /// Poses of a topic, sorted by time, in the LiDAR's frame where the recording's fixed transforms (/tf_static)
-/// tell it.
+/// give it.
 struct PoseTopic {
   std::vector<StampedPose> poses;
   std::vector<std::string> warnings;

@@ -73,7 +73,7 @@ std::vector<std::string> parts_in_metadata(const std::string& path) {
   return names;
 }
 
-/// The parts of a recording's folder: those of its metadata.yaml, or all if it does not say.
+/// The parts of a recording's folder: those of its metadata.yaml, or all without that list.
 std::vector<std::string> parts_of(const std::string& folder, std::vector<std::string>& warnings) {
   const std::vector<std::string> there = list_parts(folder);
   const std::vector<std::string> listed = parts_in_metadata(folder + "/metadata.yaml");

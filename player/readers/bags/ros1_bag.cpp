@@ -139,7 +139,7 @@ class Ros1Bag final : public BagFile {
     const auto connection = little_endian<std::uint32_t>(value_of(record.fields, "conn"));
     const auto it = connections_.find(connection);
     if (it == connections_.end()) {
-      unknown_connection_ = true;  // the chunk itself tells of it
+      unknown_connection_ = true;  // the chunk's own error reports it
       return;
     }
     for (std::uint32_t i = 0; i + 12 <= record.data_size; i += 12) {
