@@ -15,6 +15,7 @@ namespace hp2 {
 namespace {
 
 constexpr double kSweep_s = 0.1;
+constexpr double kEccentricAt = 1.0;  // rad; the direction of the eccentricity
 
 /// A spinning LiDAR: beams fire together, columns one after the other, clockwise, from behind the vehicle.
 struct Sensor {
@@ -25,7 +26,32 @@ struct Sensor {
   double highest_deg = 12.0;
   double max_range_m = 80.0;
   double noise_m = 0.015;
+  // What its calibration does not know: points are written with nominal angles and ranges.
+  double elevation_error_deg = 0.0;  ///< Of each beam, standard deviation.
+  double range_error_m = 0.0;        ///< Of each beam, standard deviation.
+  double eccentricity_deg = 0.0;     ///< Of the encoder: amplitude of the azimuth's error over a turn.
 };
+
+/// A beam as the sensor's calibration has it, and as it is.
+struct Beam {
+  double cos_elevation, sin_elevation;
+  double true_cos_elevation, true_sin_elevation;
+  double range_error_m;
+};
+
+std::vector<Beam> make_beams(const Sensor& sensor, std::uint64_t seed) {
+  Random random(seed * 0x2545f4914f6cdd1dULL + 5);  // of its own: errors leave the noise as it is
+  constexpr double kRadian = M_PI / 180;
+  std::vector<Beam> beams;
+  for (int k = 0; k < sensor.beams; ++k) {
+    const double share = static_cast<double>(k) / (sensor.beams - 1);
+    const double elevation = (sensor.lowest_deg + (sensor.highest_deg - sensor.lowest_deg) * share) * kRadian;
+    const double truly = elevation + sensor.elevation_error_deg * kRadian * random.normal();
+    beams.push_back({std::cos(elevation), std::sin(elevation), std::cos(truly), std::sin(truly),
+                     sensor.range_error_m * random.normal()});
+  }
+  return beams;
+}
 
 struct Scene {
   std::string name, text;
@@ -64,6 +90,14 @@ std::vector<Scene> make_scenes() {
   indoors.lateral_acceleration = 0.8;
   indoors.sensor_height_m = 1.2;
   indoors.sway_rad = 0.03;
+  RouteOptions long_ring = ring;
+  long_ring.repeat_m = 100.0;
+  long_ring.max_speed = 10.0;
+  Sensor uncalibrated = full;
+  uncalibrated.noise_m = 0.02;
+  uncalibrated.elevation_error_deg = 0.05;
+  uncalibrated.range_error_m = 0.01;
+  uncalibrated.eccentricity_deg = 0.15;
   RouteOptions hop = ring;
   hop.repeat_m = 0.0;
 
@@ -72,6 +106,8 @@ std::vector<Scene> make_scenes() {
                                                {55, 96}, {0, 96},  {0, 0}};
   const std::vector<Eigen::Vector2d> eight = {{20, 0},   {55, 0},  {55, 48}, {55, 96}, {110, 96},
                                               {110, 48}, {55, 48}, {0, 48},  {0, 0}};
+  const std::vector<Eigen::Vector2d> two_rings = {{25, -96}, {110, -96}, {110, 96}, {-110, 96}, {-110, -48},
+                                                  {55, -48}, {55, 144},  {0, 144},  {0, -96}};
   const std::vector<Eigen::Vector2d> there_and_back = {{-80, -1.4}, {104, -1.4}, {108, -5.5}, {115, -2.5},
                                                        {115, 2.5},  {108, 5.5},  {104, 1.4},  {-80, 1.4}};
   const std::vector<Eigen::Vector2d> indoor = {{0, -8.5}, {13, -8.5}, {13, 8.5}, {-13, 8.5}, {-13, -8.5}};
@@ -81,6 +117,8 @@ std::vector<Scene> make_scenes() {
        around, large_town},
       {"figure8", "a figure of eight through the town that crosses itself", full, 100000, ring, eight,
        large_town},
+      {"district", "through a town with a sensor that is not calibrated: odometry drifts, loops repair it",
+       uncalibrated, 100000, long_ring, two_rings, large_town},
       {"reverse", "along a street and back in the opposite direction", full, 100000, open, there_and_back,
        large_town},
       {"corridor", "around an indoor corridor, held by hand", full, 100000, indoors, indoor, corridor},
@@ -98,14 +136,8 @@ class SyntheticDrive {
         seed_(seed),
         world_(scene.build(seed)),
         route_(scene.way_points, scene.route, world_.ground),
-        size_(std::min(scene.max_scans, static_cast<std::size_t>(route_.duration() / kSweep_s))) {
-    for (int k = 0; k < sensor_.beams; ++k) {
-      const double share = static_cast<double>(k) / (sensor_.beams - 1);
-      const double elevation =
-          (sensor_.lowest_deg + (sensor_.highest_deg - sensor_.lowest_deg) * share) * M_PI / 180;
-      beams_.emplace_back(std::cos(elevation), std::sin(elevation));
-    }
-  }
+        size_(std::min(scene.max_scans, static_cast<std::size_t>(route_.duration() / kSweep_s))),
+        beams_(make_beams(sensor_, seed)) {}
 
   std::size_t size() const { return size_; }
 
@@ -129,15 +161,22 @@ class SyntheticDrive {
       const double azimuth = M_PI * (1.0 - 2.0 * s);
       const double cos_azimuth = std::cos(azimuth);
       const double sin_azimuth = std::sin(azimuth);
-      for (const Eigen::Vector2d& beam : beams_) {
-        const Eigen::Vector3d ray(beam[0] * cos_azimuth, beam[0] * sin_azimuth, beam[1]);
-        const Hit hit = world_.cast(pose.translation, rotation * ray, sensor_.max_range_m);
+      const double true_azimuth =
+          azimuth + sensor_.eccentricity_deg * M_PI / 180 * std::sin(azimuth + kEccentricAt);
+      const double true_cos = std::cos(true_azimuth);
+      const double true_sin = std::sin(true_azimuth);
+      for (const Beam& beam : beams_) {
+        const Eigen::Vector3d ray(beam.cos_elevation * cos_azimuth, beam.cos_elevation * sin_azimuth,
+                                  beam.sin_elevation);
+        const Eigen::Vector3d true_ray(beam.true_cos_elevation * true_cos, beam.true_cos_elevation * true_sin,
+                                       beam.true_sin_elevation);
+        const Hit hit = world_.cast(pose.translation, rotation * true_ray, sensor_.max_range_m);
         // Always as many random numbers a ray, so that one ray's fate does not change the next one's noise.
         const double noise = random.normal();
         const double luck = random.uniform();
         if (hit.range < 0.0 || luck < chance_of_loss(hit)) continue;
         const double depth = hit.leaves ? 0.6 * luck : 0.0;
-        const double range = hit.range + depth + sensor_.noise_m * noise;
+        const double range = hit.range + depth + beam.range_error_m + sensor_.noise_m * noise;
         scan.x.push_back(static_cast<float>(range * ray.x()));
         scan.y.push_back(static_cast<float>(range * ray.y()));
         scan.z.push_back(static_cast<float>(range * ray.z()));
@@ -159,7 +198,7 @@ class SyntheticDrive {
   World world_;
   Route route_;
   std::size_t size_;
-  std::vector<Eigen::Vector2d> beams_;  ///< Cosine and sine of each beam's elevation.
+  std::vector<Beam> beams_;
 };
 
 }  // namespace

@@ -28,7 +28,7 @@ _hp2() {
       if [ "${asked[*]##*/}" = "hp2-slam control" ] || [ "${program##*/}" = hp2_control ]; then
         mapfile -t COMPREPLY < <(compgen -W "list check pause resume step stop export" -- "$current")
       else
-        mapfile -t COMPREPLY < <(compgen -f -W "synthetic:loop synthetic:figure8 synthetic:corridor synthetic:tiny" -- "$current")
+        mapfile -t COMPREPLY < <(compgen -f -W "synthetic:district synthetic:loop synthetic:figure8 synthetic:corridor synthetic:tiny" -- "$current")
         compopt -o filenames 2>/dev/null
       fi
       ;;
