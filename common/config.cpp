@@ -84,6 +84,14 @@ std::string name_of(const YAML::Node& node, const std::function<std::string(cons
   return node.as<std::string>();
 }
 
+YAML::Node parse_list(const std::string& text, const std::string& where) {
+  try {
+    return YAML::Load(text);
+  } catch (const YAML::Exception&) {
+    throw Error("the list is not understood", where, "Write it as in [1, 2].");
+  }
+}
+
 std::string line_of(const std::string& path, const YAML::Node& node) {
   return path + ", line " + std::to_string(node.Mark().line + 1);
 }
@@ -162,6 +170,22 @@ void ConfigSection::add(const std::string& key, std::string& value, const std::s
                      [&value] { return value.empty() ? std::string("\"\"") : value; }});
 }
 
+void ConfigSection::add(const std::string& key, std::vector<double>& values, const std::string& doc,
+                        double min, double max) {
+  fields_.push_back({key, doc, "list of numbers, each in [" + to_text(min) + ", " + to_text(max) + "]",
+                     [&values, min, max](const YAML::Node& n, const std::string& where) {
+                       const auto v =
+                           convert<std::vector<double>>(n, where, "a list of numbers, as in [1, 2]");
+                       for (const double each : v) check_range(each, min, max, where);
+                       values = v;
+                     },
+                     [&values] {
+                       std::string list;
+                       for (const double v : values) list += (list.empty() ? "" : ", ") + to_text(v);
+                       return "[" + list + "]";
+                     }});
+}
+
 void Config::ignore(const std::vector<std::string>& section_names) {
   ignored_.insert(ignored_.end(), section_names.begin(), section_names.end());
 }
@@ -209,7 +233,9 @@ void Config::set(const std::string& assignment) {
                 "Write section.key=value, e.g. frontend.max_range_m=80.");
   }
   YAML::Node section, root;
-  section[assignment.substr(dot + 1, equals - dot - 1)] = assignment.substr(equals + 1);
+  const std::string value = assignment.substr(equals + 1);
+  const YAML::Node list = value.rfind('[', 0) == 0 ? parse_list(value, assignment) : YAML::Node(value);
+  section[assignment.substr(dot + 1, equals - dot - 1)] = list;
   root[assignment.substr(0, dot)] = section;
   apply(root, [&assignment](const YAML::Node&) { return assignment; });
 }

@@ -29,6 +29,9 @@ class ConfigSection {
   void add(const std::string& key, bool& value, const std::string& doc);
   void add(const std::string& key, std::string& value, const std::string& doc,
            const std::vector<std::string>& choices = {});
+  /// A list of numbers, each of them in [min, max].
+  void add(const std::string& key, std::vector<double>& values, const std::string& doc, double min,
+           double max);
 
   const std::string& name() const { return name_; }
 

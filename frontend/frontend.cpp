@@ -13,6 +13,7 @@ namespace hp2 {
 namespace {
 
 constexpr std::uint32_t kStateVersion = 10;
+constexpr unsigned kOtherSensor = 6;  // remark; those of Track come before it
 
 }  // namespace
 
@@ -21,6 +22,7 @@ class Frontend::Impl {
   Impl(const FrontendConfig& config, int threads)
       : config_(config),
         robust_(robust_parts(config)),
+        correction_(config.sensor),
         parallel_(threads),
         preprocessor_({config.min_range_m, config.max_range_m}),
         track_(config),
@@ -29,7 +31,9 @@ class Frontend::Impl {
     use_sizes(map_sizes(config, scale_.voxel_m()));
   }
 
-  FrontendOutput process(const Scan& scan);
+  FrontendOutput process(const Scan& scan) {
+    return correction_.corrects() ? process_corrected(corrected(scan)) : process_corrected(scan);
+  }
   std::optional<Submap> finish() {
     start_.end();
     return track_.finish();
@@ -39,6 +43,8 @@ class Frontend::Impl {
   std::vector<std::string> take_warnings() { return remarks_.take(); }
 
  private:
+  FrontendOutput process_corrected(const Scan& scan);
+  const Scan& corrected(const Scan& scan);
   bool usable_times(const Scan& scan);
   void use_sizes(const MapSizes& sizes) {
     preprocessor_.set_voxels(sizes.map_point_m, sizes.source_voxel_m);
@@ -49,6 +55,8 @@ class Frontend::Impl {
 
   FrontendConfig config_;
   RobustConfig robust_;
+  SensorCorrection correction_;
+  Scan corrected_;  // kept from scan to scan for its memory
   Parallel parallel_;
   Preprocessor preprocessor_;
   MapScale scale_;
@@ -91,7 +99,17 @@ bool Frontend::Impl::usable_times(const Scan& scan) {
   return true;
 }
 
-FrontendOutput Frontend::Impl::process(const Scan& scan) {
+const Scan& Frontend::Impl::corrected(const Scan& scan) {
+  constexpr double kFewOnRings = 0.7;
+  corrected_ = scan;
+  if (correction_.apply(corrected_) < kFewOnRings)
+    remarks_.once(kOtherSensor,
+                  "many points lie on no ring of sensor.ring_angles_deg: the calibration is that of another "
+                  "sensor, or the scans are motion-compensated. Give that of this sensor");
+  return corrected_;
+}
+
+FrontendOutput Frontend::Impl::process_corrected(const Scan& scan) {
   Stopwatch clock;
   scan_.sequence = scan.sequence;
   scan_.utime = scan.utime_end();

@@ -113,6 +113,7 @@ MapSizes map_sizes(const FrontendConfig& c, double voxel_m) {
 }
 
 void validate(const FrontendConfig& c) {
+  validate(c.sensor);
   if (c.min_range_m >= c.max_range_m) {
     throw Error("min_range_m is not below max_range_m", "configuration, section \"frontend\"",
                 "Raise max_range_m or lower min_range_m.");

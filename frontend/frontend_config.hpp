@@ -4,6 +4,7 @@
 
 #include "common/config.hpp"
 #include "common/registration/hybrid_icp.hpp"
+#include "common/sensor.hpp"
 #include "frontend/odometry/map_scale.hpp"
 
 namespace hp2 {
@@ -76,6 +77,7 @@ struct FrontendConfig {
   double doubtful_speed = 9.0;  ///< Factor on the covariance while a weakly observed speed may be wrong.
   RobustConfig robust;
   GuessConfig guesses;
+  SensorCalibration sensor;  ///< Section "sensor": every scan is corrected by it first.
 };
 
 /// The section "frontend" bound to `config`, which must outlive it.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include <spdlog/spdlog.h>
+
 #include "common/error.hpp"
 #include "player/readers/drive.hpp"
 #include "player/readers/file_io.hpp"
@@ -29,6 +31,15 @@ Drive open_drive(const std::string& spec, const std::string& format, const Sourc
 }
 
 }  // namespace
+
+void leave_angles_to(const SensorCalibration& calibration, SourceOptions& options) {
+  if (!corrects_scans(calibration)) return;
+  if (options.kitti_correction < 0) options.kitti_correction = 0;
+  if (options.kitti_correction > 0)
+    spdlog::warn(
+        "the vertical angles are raised by 0.205 degrees (--vertical-correction on), and corrected by the "
+        "configuration's section \"sensor\" as well");
+}
 
 std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOptions& options) {
   if (spec.rfind("synthetic:", 0) == 0) {

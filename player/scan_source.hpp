@@ -9,6 +9,7 @@
 
 #include "common/geometry/pose.hpp"
 #include "common/scan.hpp"
+#include "common/sensor.hpp"
 
 namespace hp2 {
 
@@ -80,6 +81,10 @@ struct SourceOptions {
       metadata;  ///< Ouster's metadata JSON for packets; empty: the recording's own, or the one beside it.
   std::string ground_truth_topic;  ///< Topic of a bag that holds poses; empty: none.
 };
+
+/// Where the front-end corrects the scans by `calibration`, the points are taken with the vertical angles
+/// that they have, unless `options` ask for more, which is a warning in the log.
+void leave_angles_to(const SensorCalibration& calibration, SourceOptions& options);
 
 /// Opens a drive named as on every command line: a folder (or file), or `synthetic:SCENE[:SEED]`.
 /// @throws Error if there is nothing at `spec`, its format is not recognised, or it holds no scan

@@ -82,7 +82,9 @@ class Odometry {
   Odometry(int threads, const std::map<std::string, std::string>& settings) {
     Config file;
     file.add(frontend_section(config_));
-    for (const auto& [key, value] : settings) file.set("frontend." + key + "=" + value);
+    file.add(sensor_section(config_.sensor));
+    for (const auto& [key, value] : settings)
+      file.set((key.rfind("sensor.", 0) == 0 ? key : "frontend." + key) + "=" + value);
     validate(config_);
     frontend_ = std::make_unique<Frontend>(config_, threads);
   }

@@ -72,7 +72,7 @@ bool apply_common_options(const CommonOptions& options, Config* config,
 }
 
 const std::vector<std::string>& config_section_names() {
-  static const std::vector<std::string> kNames{"frontend", "backend", "viewer", "player"};
+  static const std::vector<std::string> kNames{"frontend", "sensor", "backend", "viewer", "player"};
   return kNames;
 }
 

@@ -116,6 +116,7 @@ int run(const Options& options) {
   FrontendConfig settings;
   Config config;
   config.add(frontend_section(settings));
+  config.add(sensor_section(settings.sensor));
   config.ignore({"player", "backend", "viewer"});
   if (!options.config.empty()) config.load(options.config);
   for (const auto& assignment : options.settings) config.set(assignment);
@@ -125,6 +126,7 @@ int run(const Options& options) {
   source_options.dataset = options.dataset;
   source_options.sweep = options.sweep;
   source_options.kitti_correction = options.kitti_correction;
+  leave_angles_to(settings.sensor, source_options);
   source_options.first = options.first;
   source_options.count = options.count;
   source_options.stride = options.stride;
@@ -252,7 +254,7 @@ int main(int argc, char** argv) {
                  "an HDL-64E whose scans then agree better), on, off")
       ->type_name("auto|on|off")
       ->transform(CLI::Transformer(std::map<std::string, int>{{"auto", -1}, {"on", 1}, {"off", 0}}));
-  app.add_option("--config", options.config, "YAML file with a section \"frontend\"");
+  app.add_option("--config", options.config, "YAML file with sections \"frontend\" and \"sensor\"");
   app.add_option(
          "--set", options.settings,
          "One setting, over the file's: section.key=value, e.g. frontend.tau_ref=0.1; may be given again")

@@ -40,6 +40,7 @@ int main(int argc, char** argv) {
   return hp2::run_program("hp2_frontend", [&] {
     hp2::Config config;
     config.add(hp2::frontend_section(settings));
+    config.add(hp2::sensor_section(settings.sensor));
     const auto override = [&] {
       if (!mode.empty()) settings.mode = mode;
     };

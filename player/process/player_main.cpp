@@ -113,6 +113,10 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   hp2::add_run_options(app, options.run);
   hp2::add_common_options(app, common, false);
+  app.add_option("--config", common.config_path,
+                 "The front-end's YAML file: where its section \"sensor\" corrects the vertical angles, they "
+                 "are not raised here as well")
+      ->type_name("FILE");
   app.footer(
       "Examples:\n"
       "  hp2_player synthetic:loop                    a made drive in lockstep\n"
@@ -122,7 +126,11 @@ int main(int argc, char** argv) {
       "are stored.");
   CLI11_PARSE(app, argc, argv);
   return hp2::run_program("hp2_player", [&] {
-    hp2::apply_common_options(common, nullptr);
+    hp2::SensorCalibration sensor;
+    hp2::Config config;
+    config.add(hp2::sensor_section(sensor));
+    hp2::apply_common_options(common, &config);
+    hp2::leave_angles_to(sensor, source_options);
     options.rate = parse_rate(rate);
     const auto source = hp2::open_source(data, source_options);
     if (!ground_truth.empty()) {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "common/sensor.hpp"
 #include "player/readers/bin_layout.hpp"
 #include "player/readers/file_io.hpp"
 
@@ -141,21 +142,6 @@ std::vector<double> parse_ascii_table(std::string_view text, std::size_t n, std:
   return table;
 }
 
-void correct_kitti_vertical_angle(Scan& scan) {
-  const double angle = 0.205 * M_PI / 180.0;
-  const double c = std::cos(angle);
-  const double s = std::sin(angle);
-  for (std::size_t i = 0; i < scan.size(); ++i) {
-    const double x = scan.x[i];
-    const double y = scan.y[i];
-    const double z = scan.z[i];
-    const double horizontal = std::sqrt(x * x + y * y);
-    if (!(horizontal > 0.0)) continue;  // straight up or down, or NaN: no axis to turn about
-    const double scale = c - s * z / horizontal;
-    scan.x[i] = static_cast<float>(x * scale);
-    scan.y[i] = static_cast<float>(y * scale);
-    scan.z[i] = static_cast<float>(z * c + horizontal * s);
-  }
-}
+void correct_kitti_vertical_angle(Scan& scan) { raise_vertical_angles(scan, 0.205 * M_PI / 180.0); }
 
 }  // namespace hp2

@@ -14,7 +14,7 @@ start() {
     frontend) command=("$bin/hp2_frontend" --threads "$threads" ${mode_option[@]+"${mode_option[@]}"}) ;;
     player) command=("$bin/hp2_player" "$data" --rate "$rate" ${selection[@]+"${selection[@]}"} ${damaged[@]+"${damaged[@]}"}) ;;
   esac
-  [ "$1" = player ] || command+=(${configured[@]+"${configured[@]}"})
+  command+=(${configured[@]+"${configured[@]}"})
   # A session of its own: Ctrl-C reaches this script alone, which then stops the processes in order. Should this
   # script be killed, they end: front-end and player at once, for they own nothing and would wait for the others.
   local signal=TERM

@@ -22,6 +22,7 @@ class ConfigTest : public ::testing::Test {
     s.add("max_iterations", max_iterations, "Most iterations", 1, 1000);
     s.add("deskew", deskew, "Undo the motion in the sweep");
     s.add("mode", mode, "Residuals", {"hybrid", "point_to_point"});
+    s.add("offsets_m", offsets_m, "Offsets [m]", -1.0, 1.0);
     config.add(std::move(s));
     config.ignore({"backend"});
   }
@@ -42,8 +43,22 @@ class ConfigTest : public ::testing::Test {
   int max_iterations = 10;
   bool deskew = true;
   std::string mode = "hybrid";
+  std::vector<double> offsets_m;
   Config config;
 };
+
+TEST_F(ConfigTest, ReadsListsOfNumbers) {
+  load("frontend:\n  offsets_m: [0.5, -0.25]\n");
+  EXPECT_EQ(offsets_m, (std::vector<double>{0.5, -0.25}));
+  EXPECT_THAT(config.print(), HasSubstr("offsets_m: [0.5, -0.25]"));
+  config.set("frontend.offsets_m=[1, 0]");
+  EXPECT_EQ(offsets_m, (std::vector<double>{1.0, 0.0}));
+  config.set("frontend.offsets_m=[]");
+  EXPECT_TRUE(offsets_m.empty());
+  EXPECT_THAT(error_of("frontend:\n  offsets_m: [0.5, 3]\n"), AllOf(HasSubstr("3"), HasSubstr("[-1, 1]")));
+  EXPECT_THAT(error_of("frontend:\n  offsets_m: [0.5, x]\n"), HasSubstr("a list of numbers"));
+  EXPECT_THROW(config.set("frontend.offsets_m=[1"), Error);
+}
 
 TEST_F(ConfigTest, AnAssignmentIsALineOfAFile) {
   load("frontend:\n  voxel_size_m: 0.5\n");

@@ -51,6 +51,13 @@ TEST(FrontendConfig, PrintedItReadsBack) {
   EXPECT_EQ(back.min_sigma_m, c.min_sigma_m);
 }
 
+TEST(FrontendConfig, RefusesCalibrationOfDifferentLengths) {
+  FrontendConfig c;
+  c.sensor.ring_angles_deg = {-1.0, 1.0};
+  c.sensor.ring_range_offsets_m = {0.01};
+  EXPECT_THAT(error_of([&] { Frontend{c}; }), AllOf(HasSubstr("ring_range_offsets_m"), HasSubstr("has 2")));
+}
+
 TEST(FrontendConfig, DefaultsAndEveryModeAreValid) {
   for (const std::string& mode : frontend_modes()) {
     FrontendConfig c;

@@ -57,6 +57,28 @@ TEST_P(FrontendModes, BitForBitTheSameInEveryRunAndWithTwoThreads) {
   }
 }
 
+TEST(Frontend, CorrectsScansByTheCalibrationOfTheSensor) {
+  FrontendConfig config = test::short_submaps();
+  Frontend plain(config);
+  config.sensor.vertical_angle_bias_deg = 2.0;
+  Frontend correcting(config);
+  config.sensor.ring_angles_deg = {80.0, 85.0};  // of another sensor
+  Frontend other(config);
+  for (std::size_t i = 0; i < 10; ++i) {
+    const Scan& scan = tiny_drive().scans[i];
+    Scan lowered = scan;
+    raise_vertical_angles(lowered, -2.0 * M_PI / 180.0);
+    const Pose expected = plain.process(scan).odometry.odom_from_sensor;
+    const Pose pose = correcting.process(lowered).odometry.odom_from_sensor;
+    EXPECT_LT((pose.translation - expected.translation).norm(), 0.01) << "scan " << i;
+    other.process(scan);
+  }
+  EXPECT_TRUE(correcting.take_warnings().empty());
+  const auto warnings = other.take_warnings();
+  ASSERT_EQ(warnings.size(), 1U);
+  EXPECT_NE(warnings[0].find("another sensor"), std::string::npos);
+}
+
 TEST_P(FrontendModes, GoesOnFromASavedStateAsIfNeverInterrupted) {
   const FrontendConfig config = test::short_submaps(GetParam());
   Frontend whole(config);

@@ -162,6 +162,14 @@ TEST(FolderDrive, KittiCorrectsAnglesAndTurnsGroundTruthIntoTheLidarFrame) {
   SourceOptions off;
   off.kitti_correction = 0;
   test::expect_same_points(open_source(folder / "sequences/07", off)->read(1), raw);
+
+  SensorCalibration calibration;  // the front-end corrects by it: not twice
+  SourceOptions with_calibration, without;
+  leave_angles_to(calibration, without);
+  calibration.vertical_angle_bias_deg = 0.2;
+  leave_angles_to(calibration, with_calibration);
+  test::expect_same_points(open_source(folder / "sequences/07", without)->read(1), read);
+  test::expect_same_points(open_source(folder / "sequences/07", with_calibration)->read(1), raw);
 }
 
 TEST(FolderDrive, MissingScansTakeTheLinesOfTheirNumbers) {
