@@ -228,6 +228,18 @@ write_stored() {
   echo "$holds are stored in $session, and their results written to $out" >&3
 }
 
+# Whether the same command would go on with the session, or nothing is left to do.
+say_what_is_next() {
+  local said
+  if said=$("$bin/hp2_backend" --session "$session" --check "${same[@]}" 2>&1); then
+    echo "the same command goes on from there once the cause is mended"
+  elif [[ $said == *"the session is complete"* ]]; then
+    echo "it failed after the session was complete and written: nothing is left to do"
+  else
+    echo "$said"
+  fi
+}
+
 interrupted=0
 interrupt() {
   interrupted=$((interrupted + 1))
@@ -263,8 +275,7 @@ fail() {
   esac
   write_stored "$failure_limit"
   [ "$name" != player ] || echo "the same command plays the drive again once it is mended; --skip-damaged leaves out what cannot be read" >&3
-  [ "$name" = player ] || [ ! -e "$session/session.sqlite" ] ||
-    echo "the same command goes on from there once the cause is mended" >&3
+  [ "$name" = player ] || [ ! -e "$session/session.sqlite" ] || say_what_is_next >&3
   exit "$status"
 }
 

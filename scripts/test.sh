@@ -4,7 +4,7 @@
 #   scripts/test.sh --sanitize   unit tests with address and undefined-behaviour sanitizers (build-asan/)
 #   scripts/test.sh --fuzz       fuzz targets, HP2_FUZZ_SECONDS (60) each, two at a time (build-asan/; needs clang)
 #   scripts/test.sh --tsan       unit and integration tests with the thread sanitizer (build-tsan/); takes an hour
-#   scripts/test.sh --long       integration tests that take minutes each: two hosts, overload, hostile input
+#   scripts/test.sh --long       integration tests that take minutes each: two hosts, overload, hostile input, faults of the disk
 #   scripts/test.sh --all        the first three: what CI runs
 # More words go to ctest, e.g. scripts/test.sh -R transport; at least one test must fit them.
 set -euo pipefail
@@ -46,6 +46,7 @@ plain() {
 
 long() {
   timed "plain build" scripts/setup.sh
+  export HP2_DISK_FAULTS_EVERY=1 HP2_LIVE_SECONDS=600  # all of them, and ten minutes
   timed "long integration tests" run build -L long
 }
 

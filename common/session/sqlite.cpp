@@ -1,5 +1,7 @@
 #include "common/session/sqlite.hpp"
 
+#include <cerrno>
+
 #include <sqlite3.h>
 
 #include "common/session/damage.hpp"
@@ -72,7 +74,11 @@ std::string Database::text(const std::string& sql) {
 
 void Database::fail(int rc) const {
   const std::string said = handle_ ? sqlite3_errmsg(handle_) : sqlite3_errstr(rc);
-  switch (rc & 0xff) {
+  const int kind = rc & 0xff;
+  // Files beside the database, e.g. the index of its log, find the disk full in other words.
+  const bool full = (kind == SQLITE_IOERR || kind == SQLITE_CANTOPEN) && handle_ != nullptr &&
+                    sqlite3_system_errno(handle_) == ENOSPC;
+  switch (full ? SQLITE_FULL : kind) {
     case SQLITE_FULL:
       throw Error("the disk is full (" + said + ")", path_,
                   "Free some space and start the back-end again; everything stored so far is kept.");

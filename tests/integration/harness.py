@@ -2,6 +2,7 @@
 
 Python 3 standard library only. A test is a script that imports this module, calls enter_namespace() first, and exits
 with status 0 (passed), 77 (skipped) or anything else (failed)."""
+import array
 import contextlib
 import json
 import math
@@ -198,6 +199,23 @@ class Odometry(threading.Thread):
         return True
 
 
+def room_scan(offset_m, rings=24, columns=450):
+    """A room of 40 x 16 m with a post, seen from `offset_m` along it, as the bytes of a .bin file."""
+    values = array.array("f")
+    for ring in range(rings):
+        slope = math.tan(math.radians(-20 + 36 * ring / rings))
+        for k in range(columns):
+            angle = 2 * math.pi * (k + 0.37 * ring) / columns
+            c, s = math.cos(angle), math.sin(angle)
+            reach = min((20 - offset_m) / c if c > 0 else (-20 - offset_m) / c, 8 / abs(s) if s else 1e9)
+            reach = min(reach, 1.5 / -slope if slope < 0 else 1e9)
+            b, d = c * (3 - offset_m) + s * 2, (3 - offset_m) ** 2 + 4 - 0.09
+            if b > 0 and b * b > d:
+                reach = min(reach, b - math.sqrt(b * b - d))
+            values.extend((reach * c, reach * s, reach * slope, 0.5))
+    return values.tobytes()
+
+
 def ate(run):
     """ATE RMSE [m] as the summary has it."""
     return run.summary()["accuracy"]["final"]["ate"]["rmse"]
@@ -230,4 +248,4 @@ def main(test):
 
 
 __all__ = ["math", "struct", "BIN", "SCRIPTS", "SKIPPED", "SLOWER", "URL", "Failure", "Odometry", "Patience", "Run", "ate", "check_complete", "enter_namespace", "expect", "main",
-           "os", "pathlib", "random", "same_poses", "shutil", "signal", "sqlite3", "subprocess", "sys", "time"]
+           "os", "pathlib", "random", "room_scan", "same_poses", "shutil", "signal", "sqlite3", "subprocess", "sys", "time"]

@@ -1,35 +1,16 @@
 """Real time at 10 times the sustainable rate: memory stays, every scan that was played is registered or counted as
 skipped."""
-import array
-
 from harness import *
 
 SECONDS = int(os.environ.get("HP2_OVERLOAD_SECONDS", "60"))
 PLACES = 50
 
 
-def make_scan(offset_m):
-    """A room of 40 x 16 m with a post, seen from `offset_m` along it: about 11,000 points."""
-    values = array.array("f")
-    for ring in range(24):
-        slope = math.tan(math.radians(-20 + 1.5 * ring))
-        for k in range(450):
-            angle = 2 * math.pi * (k + 0.37 * ring) / 450
-            c, s = math.cos(angle), math.sin(angle)
-            reach = min((20 - offset_m) / c if c > 0 else (-20 - offset_m) / c, 8 / abs(s) if s else 1e9)
-            reach = min(reach, 1.5 / -slope if slope < 0 else 1e9)
-            b, d = c * (3 - offset_m) + s * 2, (3 - offset_m) ** 2 + 4 - 0.09
-            if b > 0 and b * b > d:
-                reach = min(reach, b - math.sqrt(b * b - d))
-            values.extend((reach * c, reach * s, reach * slope, 0.5))
-    return values.tobytes()
-
-
 def make_drive(folder, scans):
     """The same 50 places to and fro, by links."""
     (folder / "velodyne").mkdir(parents=True)
     for k in range(PLACES):
-        (folder / f"place{k}.bin").write_bytes(make_scan(0.004 * k))
+        (folder / f"place{k}.bin").write_bytes(room_scan(0.004 * k))
     for i in range(scans):
         k = i % (2 * PLACES - 2)
         os.symlink(folder / f"place{min(k, 2 * PLACES - 2 - k)}.bin", folder / "velodyne" / f"{i:06d}.bin")
