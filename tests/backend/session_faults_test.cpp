@@ -252,8 +252,37 @@ TEST(SessionDamage, OfADamagedSubmapTheRestIsLeft) {
   EXPECT_TRUE(said.empty());
 }
 
+// The checksum of versions 1 and 2: FNV-1a, byte by byte.
+void give_old_checksum(sqlite::Bytes& bytes) {
+  ASSERT_GE(bytes.size(), 8U);
+  std::uint64_t h = 1469598103934665603ULL;
+  for (std::size_t i = 0; i + 8 < bytes.size(); ++i) h = (h ^ bytes[i]) * 1099511628211ULL;
+  std::memcpy(bytes.data() + bytes.size() - 8, &h, 8);
+}
+
+// Gives every blob of a column the checksum of versions 1 and 2. `spoil`: and other contents.
+void make_old(sqlite::Database& db, const std::string& table, const std::string& column, bool spoil = false) {
+  const std::string key = table == "closures" ? "number" : "id";
+  std::map<std::int64_t, sqlite::Bytes> rows;
+  {
+    sqlite::Statement s(db, "SELECT " + key + ", " + column + " FROM " + table);
+    while (s.step()) rows[s.number(0)] = s.bytes(1);
+  }
+  for (auto& [id, bytes] : rows) {
+    if (spoil) bytes.assign(100, 3);
+    give_old_checksum(bytes);
+    sqlite::Statement(db, "UPDATE " + table + " SET " + column + " = ? WHERE " + key + " = ?")
+        .bind(bytes)
+        .bind(id)
+        .run();
+  }
+}
+
+class OldSession : public ::testing::TestWithParam<int> {};
+
 // What versions before 4 stored: nothing that follows from the submaps, the front-end's state as it came.
-TEST(SessionFile, ASessionOfAnOlderVersionIsReadAndGoneOnWith) {
+// Before version 3 other checksums and other places.
+TEST_P(OldSession, IsReadAndGoneOnWith) {
   const auto chain = testing::random_chain(4, 200);
   TemporaryFolder plain, folder;
   run_session(plain.path(), chain);
@@ -267,7 +296,15 @@ TEST(SessionFile, ASessionOfAnOlderVersionIsReadAndGoneOnWith) {
   {
     sqlite::Database db(folder / "session.sqlite", sqlite::Database::Mode::kReadWrite);
     const sqlite::Bytes state{1, 7};
-    db.execute("DROP TABLE trajectory; DROP TABLE odometry_edges; PRAGMA user_version = 3");
+    db.execute("DROP TABLE trajectory; DROP TABLE odometry_edges; PRAGMA user_version = " +
+               std::to_string(GetParam()));
+    if (GetParam() < 3) {
+      make_old(db, "submaps", "keypose");
+      for (const char* table : {"submap_scans", "submap_points"}) make_old(db, table, "data");
+      make_old(db, "submap_places", "data", true);
+      make_old(db, "closures", "constraint_data");
+      for (const char* column : {"map_from_odom", "map_from_submap"}) make_old(db, "graph", column);
+    }
     sqlite::Statement(db, "UPDATE frontend_state SET state = ?").bind(state).run();
   }
   {
@@ -280,6 +317,8 @@ TEST(SessionFile, ASessionOfAnOlderVersionIsReadAndGoneOnWith) {
   run_session(folder.path(), chain);
   EXPECT_EQ(contents(folder.path()), expected);
 }
+
+INSTANTIATE_TEST_SUITE_P(Versions, OldSession, ::testing::Values(1, 2, 3));
 
 }  // namespace
 }  // namespace hp2
