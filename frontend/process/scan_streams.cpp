@@ -15,7 +15,9 @@ constexpr std::int64_t kLongestStepUs = 3'600'000'000;
 constexpr std::int64_t kSmallGap = 10, kGapWithoutStamps = 100, kGapOfAnInterruption = 3000;
 constexpr double kSoonest = 0.8,
                  kLatest = 1.25;  // of the usual step: by its stamp this scan is the next
-constexpr double kOverlap = 0.4;  // of the duration: two sweeps of one sensor do not begin as close together
+// Of the duration: two sweeps of one sensor do not begin as close together. More than half, so that two
+// sensors without numbers are told apart wherever their sweeps lie.
+constexpr double kOverlap = 0.6;
 constexpr double kSilentIntervals = 2.5;
 constexpr std::int64_t kUnknownIntervalUs = 100'000, kLongestIntervalUs = 400'000;
 

@@ -200,25 +200,30 @@ struct TwoSensors {
   std::string second;            // name of the second sensor; the first is os1
   std::int64_t senders[2];       // 0: whole scans
   std::int64_t shift_us, first;  // of the second one's stamps, and its first number
+  bool numbered = true;
 };
 class ScanStreamsOfTwo : public ::testing::TestWithParam<TwoSensors> {};
-INSTANTIATE_TEST_SUITE_P(Sensors, ScanStreamsOfTwo,
-                         ::testing::Values(TwoSensors{"SameInEverything", "os1", {0, 0}, 0, 0},
-                                           TwoSensors{"HalfASweepApart", "os1", {0, 0}, 50'000, 0},
-                                           TwoSensors{"OtherSenders", "os1", {5, 6}, 30'000, 0},
-                                           TwoSensors{"OtherNames", "front", {0, 0}, 50'000, 0},
-                                           TwoSensors{"OtherNumbers", "os1", {0, 0}, 20'000, 900}),
-                         [](const auto& i) { return i.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    Sensors, ScanStreamsOfTwo,
+    ::testing::Values(TwoSensors{"SameInEverything", "os1", {0, 0}, 0, 0},
+                      TwoSensors{"HalfASweepApart", "os1", {0, 0}, 50'000, 0},
+                      TwoSensors{"OtherSenders", "os1", {5, 6}, 30'000, 0},
+                      TwoSensors{"OtherNames", "front", {0, 0}, 50'000, 0},
+                      TwoSensors{"OtherNumbers", "os1", {0, 0}, 20'000, 900},
+                      TwoSensors{"NoNumbersHalfASweepApart", "os1", {0, 0}, 50'000, 0, false},
+                      TwoSensors{"NoNumbersCloseTogether", "os1", {0, 0}, 15'000, 0, false},
+                      TwoSensors{"NoNumbersNearlyASweepApart", "os1", {0, 0}, 80'000, 0, false}),
+    [](const auto& i) { return i.param.name; });
 
 TEST_P(ScanStreamsOfTwo, KeepsOneAndTellsOfTheOther) {
   Feed feed;
   const TwoSensors& two = GetParam();
   for (int i = 0; i < 60; ++i) {
-    feed.give(make(i, kStart + i * kStep, static_cast<float>(i)), two.senders[0]);
+    feed.give(make(two.numbered ? i : -1, kStart + i * kStep, static_cast<float>(i)), two.senders[0]);
     feed.wait(45'000);
-    feed.give(
-        make(two.first + i, kStart + i * kStep + two.shift_us, 1000.0F + static_cast<float>(i), two.second),
-        two.senders[1]);
+    feed.give(make(two.numbered ? two.first + i : -1, kStart + i * kStep + two.shift_us,
+                   1000.0F + static_cast<float>(i), two.second),
+              two.senders[1]);
     feed.wait(55'000);
   }
   feed.expect_all_accounted_for();
