@@ -17,7 +17,7 @@ case ${1:-} in
 esac
 unit_programs="common_tests transport_tests evaluation_tests player_tests frontend_tests backend_tests viewer_headless_tests"
 processes="hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_injector hp2_eval
-  hp2_lossy_relay hp2_hostile hp2_bad_frontend hp2_write_dataset hp2_chart hp2_bench"
+  hp2_lossy_relay hp2_hostile hp2_bad_frontend hp2_write_dataset hp2_chart hp2_bench hp2_calibrate"
 fuzz_targets="messages point_files logs bags packets ros_messages trajectories"
 # Without -g and with few optimisations a sanitizer build takes as long as a plain one.
 sanitizer_options=(-DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1)

@@ -34,4 +34,4 @@ _hp2() {
       ;;
   esac
 }
-complete -F _hp2 hp2-slam hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_eval hp2_bench
+complete -F _hp2 hp2-slam hp2_player hp2_frontend hp2_backend hp2_viewer_headless hp2_control hp2_eval hp2_bench hp2_calibrate
