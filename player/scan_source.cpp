@@ -11,6 +11,7 @@
 #include "player/readers/layout.hpp"
 #include "player/sweep/drive_shape.hpp"
 #include "player/sweep/drive_sweep.hpp"
+#include "player/sweep/vertical_angles.hpp"
 #include "player/synthetic/synthetic_source.hpp"
 
 namespace hp2 {
@@ -20,7 +21,7 @@ const std::vector<std::string> kFormats = {"kitti",   "kitti-raw", "mulran", "he
                                            "generic", "lcm-log",   "rosbag", "rosbag2", "pcap"};
 
 Drive open_drive(const std::string& spec, const std::string& format, const SourceOptions& options) {
-  if (format == "kitti-raw") return open_kitti_raw(spec, options);
+  if (format == "kitti-raw") return open_kitti_raw(spec);
   if (format == "mulran") return open_mulran(spec);
   if (format == "helipr") return open_helipr(spec, options);
   if (format == "apollo") return open_apollo(spec);
@@ -67,7 +68,8 @@ std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOpt
   Drive drive = open_drive(spec, format, options);
   settle_length_unit(drive, options.points_unit);
   join_parts(drive);
-  settle_sweep(drive, options.sweep, options.first, options.kitti_correction);
+  settle_vertical_angles(drive, options.kitti_correction, options.first);
+  settle_sweep(drive, options.sweep, options.first);
   return make_source(std::move(drive), options);
 }
 

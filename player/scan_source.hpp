@@ -56,6 +56,9 @@ class ScanSource {
   virtual std::vector<std::string> warnings() const { return {}; }
   /// Unit of the points' times, for people; "": they have none, or it is not known.
   virtual std::string time_in_sweep() const { return {}; }
+  /// How the points lie in the sweep, in the words of SourceOptions::sweep: what was found or chosen, "given"
+  /// where nothing was done.
+  virtual std::string sweep() const { return "given"; }
   /// With SourceOptions::skip_damaged: what is wrong with the scans that could not be read until now, one
   /// sentence per scan.
   virtual std::vector<std::string> damaged() const { return {}; }
@@ -70,8 +73,8 @@ struct SourceOptions {
   std::string times_unit;     ///< Unit of the scans' times in a file: "s", "ms", "us", "ns"; empty: find it.
   std::string points_unit;    ///< Unit of the points: "m", "cm", "mm"; empty: find it.
   bool skip_damaged = false;  ///< A scan that cannot be read is an empty one; see ScanSource::damaged().
-  int kitti_correction =
-      -1;  ///< Vertical angles raised by 0.205 degrees: 1 yes, 0 no, -1 KITTI's formats, others if it fits.
+  /// Vertical angles raised by 0.205 degrees: 1 yes, 0 no, -1 if the scans are KITTI's.
+  int kitti_correction = -1;
   /// How the points lie in the sweep: "auto", "given", or a reading (player/sweep/drive_sweep.hpp).
   std::string sweep = "auto";
   std::string

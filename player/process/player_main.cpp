@@ -87,10 +87,10 @@ int main(int argc, char** argv) {
          "compensated, reversed, clockwise[:DEG], counterclockwise[:DEG] (azimuth where a sweep begins)")
       ->type_name("NAME")
       ->capture_default_str();
-  app.add_option("--vertical-correction", source_options.kitti_correction,
-                 "Raise the vertical angles by 0.205 degrees, as KITTI's HDL-64E needs it: auto (KITTI's "
-                 "formats, and "
-                 "an HDL-64E whose scans then agree better), on, off")
+  app.add_option(
+         "--vertical-correction", source_options.kitti_correction,
+         "Raise the vertical angles by 0.205 degrees, as KITTI's HDL-64E needs it: auto (if the scans "
+         "are KITTI's), on, off")
       ->type_name("auto|on|off")
       ->transform(CLI::Transformer(std::map<std::string, int>{{"auto", -1}, {"on", 1}, {"off", 0}}));
   app.add_option("--times-unit", source_options.times_unit, "Unit of the scans' times: s, ms, us or ns")

@@ -57,6 +57,7 @@ class DriveSource final : public ScanSource {
   }
 
   std::string time_in_sweep() const override { return drive_.time_in_sweep; }
+  std::string sweep() const override { return drive_.sweep; }
   std::vector<std::string> damaged() const override {
     const std::lock_guard<std::mutex> lock(mutex_);
     std::vector<std::string> texts;

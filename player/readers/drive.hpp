@@ -36,6 +36,7 @@ struct Drive {
   /// False where the format defines how the points lie in the sweep: the scans are not examined
   /// (settle_sweep()).
   bool sweep_in_doubt = true;
+  std::string sweep = "given";  ///< See ScanSource::sweep().
   /// Replaces the points, which may be those of an older scan, and sets the times in the sweep, if there are
   /// any, which are empty; everything else of the scan is set already. Called from several threads.
   std::function<void(const DriveScan&, Scan&)> decode;
@@ -47,7 +48,7 @@ std::unique_ptr<ScanSource> make_source(Drive drive, const SourceOptions& option
 
 // One reader each; see README.md. All throw Error if the drive is not there or has no scan.
 Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptions& options);
-Drive open_kitti_raw(const std::string& folder, const SourceOptions& options);
+Drive open_kitti_raw(const std::string& folder);
 Drive open_mulran(const std::string& folder);
 Drive open_helipr(const std::string& folder, const SourceOptions& options);
 Drive open_apollo(const std::string& folder);

@@ -161,34 +161,34 @@ void set_generic_ground_truth(const Layout& layout, const MendedStamps& clock, b
   drive.ground_truth = shift_poses(drive.ground_truth, clock.stamps_us, ends);
 }
 
-/// Reads ptimes/NAME.bin: float32, one per point.
-void read_ptimes(const std::string& path, Scan& scan) {
-  FilePieces file(path);
-  const auto refuse_unless_fitting = [&](std::size_t bytes) {
-    if (bytes == scan.size() * sizeof(float)) return;
+/// Reads ptimes/NAME.bin: float32 or float64, one per point.
+void read_ptimes(const std::string& path, std::size_t n, std::vector<double>& times) {
+  thread_local FileBuffer buffer;
+  const std::string_view bytes = buffer.load(path);
+  const bool wide = n > 0 && bytes.size() == n * sizeof(double);
+  if (!wide && bytes.size() != n * sizeof(float))
     throw Error(
-        "the times in the sweep do not fit the scan (" + std::to_string(bytes) + " bytes for " +
-            std::to_string(scan.size()) + " points)",
+        "the times in the sweep do not fit the scan (" + std::to_string(bytes.size()) + " bytes for " +
+            std::to_string(n) + " points)",
         path,
         "It must hold one float32 in 0..1 for each point; without the folder ptimes/ there is no deskewing.");
-  };
-  refuse_unless_fitting(file.size());
-  std::vector<float>& time = scan.time;
-  time.resize(scan.size());
-  std::size_t done = 0;
-  int bad = 0;  // branch-free, so that the compiler makes vectors of it
-  for (std::string_view piece = file.next(); !piece.empty(); piece = file.next()) {
-    float* const begin = time.data() + done / sizeof(float);
-    float* const end = begin + piece.size() / sizeof(float);
-    std::memcpy(begin, piece.data(), piece.size());
-    for (float* t = begin; t != end; ++t) {
-      bad |= static_cast<int>(!(std::abs(*t) <= std::numeric_limits<float>::max()));
-      *t = std::min(std::max(*t, 0.0F), 1.0F);
-    }
-    done += piece.size();
+  Column column;
+  column.first = bytes.data();
+  column.stride = wide ? sizeof(double) : sizeof(float);
+  column.type = wide ? ScalarType::kFloat64 : ScalarType::kFloat32;
+  read_column(column, n, times);
+}
+
+/// Whether times are what ptimes/ should hold: from about 0 on, about 1 at most, and not the seconds of a
+/// sweep of `step_us`.
+bool are_shares_of_sweep(const std::vector<std::vector<double>>& samples, std::int64_t step_us) {
+  std::size_t good = 0;
+  for (const std::vector<double>& times : samples) {
+    const auto [low, high] = std::minmax_element(times.begin(), times.end());
+    const double steps = (*high - *low) * 1e6 / static_cast<double>(step_us);
+    good += *low > -1e-3 && *low < 0.2 && *high < 2.0 && !(steps > 0.5 && steps < 1.3) ? 1 : 0;
   }
-  refuse_unless_fitting(done);
-  if (bad != 0) time.clear();  // no time rather than a wrong one
+  return 2 * good >= samples.size();
 }
 
 /// Times [s] of the scans, and where they come from.
@@ -243,21 +243,30 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
   const std::vector<std::int64_t>& stamps = clock.stamps_us;
   reorder(drive.scans, clock.order);
 
+  const std::string ptimes = !kitti && is_folder(layout.base + "/ptimes") ? layout.base + "/ptimes/" : "";
   TimeUnit unit;
-  const bool has_ptimes = !kitti && is_folder(layout.base + "/ptimes");
-  bool has_times = has_ptimes;
-  if (has_ptimes) {
-    unit.duration_us = estimate_sweep(stamps);
-    unit.normalised = true;
-  } else if (!kitti) {
-    const TimeSamples samples = sample_times(stamps, [&drive, &reading](std::size_t i, PointFile& file) {
+  bool has_times = !ptimes.empty();
+  if (!kitti) {
+    const TimeSamples samples = sample_times(stamps, [&](std::size_t i, PointFile& file) {
       reading.read(drive.scans[i].path, file);
+      if (!ptimes.empty())
+        read_ptimes(ptimes + stem(base_name(drive.scans[i].path)) + ".bin", file.scan.size(), file.raw_time);
     });
-    has_times = !samples.raw.empty();
-    if (has_times) unit = find_time_unit(samples.raw, estimate_sweep(stamps), 0.0, samples.stamps_us);
-    if (has_times && unit.unit_s == 0.0 && !unit.normalised)
-      drive.warnings.push_back("the unit of the points' times in " + layout.scans +
+    has_times = has_times || !samples.raw.empty();
+    const std::int64_t step_us = estimate_sweep(stamps);
+    if (!ptimes.empty() && are_shares_of_sweep(samples.raw, step_us)) {
+      unit.duration_us = step_us;
+      unit.normalised = true;
+    } else if (has_times) {
+      unit = find_time_unit(samples.raw, step_us, 0.0, samples.stamps_us);
+    }
+    const std::string& where = ptimes.empty() ? layout.scans : ptimes;
+    if (!samples.raw.empty() && unit.unit_s == 0.0 && !unit.normalised)
+      drive.warnings.push_back("the unit of the points' times in " + where +
                                " cannot be told: each scan's times are stretched over a whole sweep");
+    else if (!ptimes.empty() && (!unit.normalised || unit.offset != 0.0) && !samples.raw.empty())
+      drive.warnings.push_back("the points' times in " + where + " are not 0..1: they are read as " +
+                               describe(unit));
   }
   set_times(drive, stamps, has_times ? unit.duration_us : 0);
   drive.stamp_in_sweep = found.are_starts ? 0.0 : 0.5;
@@ -270,17 +279,13 @@ Drive open_folder_drive(const std::string& folder, bool kitti, const SourceOptio
   else
     set_generic_ground_truth(layout, clock, has_times, drive);
 
-  const bool correct = options.kitti_correction < 0 ? kitti : options.kitti_correction > 0;
-  const std::string ptimes = has_ptimes ? layout.base + "/ptimes/" : "";
-  drive.decode = [unit, correct, ptimes, has_times, reading](const DriveScan& entry, Scan& scan) {
+  drive.decode = [unit, ptimes, has_times, reading](const DriveScan& entry, Scan& scan) {
     thread_local PointFile file;
     reading.read(entry.path, file);
     move_points(file, scan);
-    if (correct) correct_kitti_vertical_angle(scan);
     if (!ptimes.empty())
-      read_ptimes(ptimes + stem(base_name(entry.path)) + ".bin", scan);
-    else if (has_times)
-      apply_times(file.raw_time, unit, scan);
+      read_ptimes(ptimes + stem(base_name(entry.path)) + ".bin", scan.size(), file.raw_time);
+    if (has_times) apply_times(file.raw_time, unit, scan);
   };
   return drive;
 }

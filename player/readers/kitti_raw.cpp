@@ -139,7 +139,7 @@ void parse_text_scan(const std::string& path, Scan& scan) {
 
 }  // namespace
 
-Drive open_kitti_raw(const std::string& given, const SourceOptions& options) {
+Drive open_kitti_raw(const std::string& given) {
   const std::string folder = base_name(given) == "velodyne_points" ? parent_folder(given) : given;
   const std::string points = folder + "/velodyne_points";
   std::vector<std::string> names = list_files(points + "/data", ".bin");
@@ -173,13 +173,7 @@ Drive open_kitti_raw(const std::string& given, const SourceOptions& options) {
   }
   set_ground_truth(folder, frames, drive);
 
-  const bool correct = options.kitti_correction != 0;
-  if (correct)
-    drive.warnings.push_back(
-        "the vertical angles are corrected by 0.205 degrees, as KITTI's HDL-64E needs it "
-        "(--vertical-correction off "
-        "takes them as they are)");
-  drive.decode = [text, correct](const DriveScan& entry, Scan& scan) {
+  drive.decode = [text](const DriveScan& entry, Scan& scan) {
     if (text) {
       parse_text_scan(entry.path, scan);
     } else {
@@ -187,7 +181,6 @@ Drive open_kitti_raw(const std::string& given, const SourceOptions& options) {
       read_point_file(entry.path, file);
       move_points(file, scan);
     }
-    if (correct) correct_kitti_vertical_angle(scan);
     // The sweep begins and ends behind the car and turns clockwise.
     scan.time.resize(scan.size());
     for (std::size_t i = 0; i < scan.size(); ++i) {

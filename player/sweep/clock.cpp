@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "common/error.hpp"
 #include "common/time_unit.hpp"
 
@@ -107,7 +109,12 @@ double absolute_unit(const std::vector<std::vector<double>>& samples,
 /// Spans of the samples that can be used, in raw units, and where they begin after their stamps.
 struct Measured {
   std::vector<double> spans, lows;
-  bool in_unit_interval = true;
+  /// Whether they count in sweeps, and lie in 0..1.
+  bool in_unit_interval() const {
+    for (std::size_t k = 0; k < spans.size(); ++k)
+      if (lows[k] < -1e-3 || lows[k] + spans[k] > 1.001) return false;
+    return true;
+  }
 };
 
 Measured measure(const std::vector<std::vector<double>>& samples, const std::vector<std::int64_t>& stamps_us,
@@ -120,7 +127,6 @@ Measured measure(const std::vector<std::vector<double>>& samples, const std::vec
     if (!s.finite || !(s.high > s.low)) continue;
     m.spans.push_back(s.high - s.low);
     m.lows.push_back(s.low - stamp);
-    m.in_unit_interval = m.in_unit_interval && s.low >= -1e-3 && s.high <= 1.001;
   }
   return m;
 }
@@ -149,8 +155,14 @@ TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::in
   if (result.unit_s == 0.0) result.unit_s = fits(0.3, 1.3);
   // Sweeps that overlap: several sensors take turns. Below what 0..1 is of a sweep of 5 Hz.
   if (result.unit_s == 0.0) result.unit_s = fits(1.3, 4.0);
-  if (result.unit_s == 0.0 && m.in_unit_interval && span > 0.5) {
+  // Sweeps that are counted from -0.5 or 0.5 on.
+  const bool shifted = !m.in_unit_interval() && span > 0.9 && span < 1.02 && std::abs(median(m.lows)) < 1.02;
+  if (result.unit_s == 0.0 && ((m.in_unit_interval() && span > 0.5) || shifted)) {
     result.normalised = true;
+    if (shifted) {
+      result.offset = median(m.lows);
+      result.start_us = std::llround(std::min(result.offset, 0.0) * static_cast<double>(step_us));
+    }
     return result;
   }
   // A sweep much shorter than the step between scans: scans were left out, or the sensor looks ahead only.
@@ -165,6 +177,8 @@ TimeUnit find_time_unit(const std::vector<std::vector<double>>& samples, std::in
 }
 
 std::string describe(const TimeUnit& unit) {
+  if (unit.normalised && unit.offset != 0.0)
+    return fmt::format("{:.2f}..{:.2f} of the sweep", unit.offset, unit.offset + 1.0);
   if (unit.normalised) return "0..1 of the sweep";
   if (unit.unit_s == 0.0) return "an unknown unit, stretched over the sweep";
   return std::string(name_of_unit(unit.unit_s)) + (unit.absolute ? ", absolute" : "");
@@ -184,7 +198,7 @@ void apply_times(const std::vector<double>& raw, const TimeUnit& unit, Scan& sca
     }
   }
   if (!span.finite || !(span.high > span.low)) return;
-  double offset = 0.0;
+  double offset = unit.offset;
   double scale = 1.0;
   if (!unit.normalised) {
     const double duration =

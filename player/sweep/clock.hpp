@@ -24,7 +24,8 @@ std::int64_t estimate_sweep(const std::vector<std::int64_t>& stamps);
 /// The unit of per-point times, found once a drive.
 struct TimeUnit {
   double unit_s = 0.0;           ///< Seconds; 0: no plausible unit, each scan is stretched to 0..1.
-  bool normalised = false;       ///< They are 0..1 already.
+  bool normalised = false;       ///< They count in sweeps: 0..1, or from `offset` on.
+  double offset = 0.0;           ///< normalised: the time at which a sweep begins.
   bool absolute = false;         ///< They are on the same clock as the stamps: they give the sweep's start.
   std::int64_t duration_us = 0;  ///< Length of a sweep.
   /// Start of the sweep after the scan's own stamp: not 0 if times are negative, or absolute and of another

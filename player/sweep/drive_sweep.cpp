@@ -6,11 +6,11 @@
 #include <optional>
 #include <utility>
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 #include "common/error.hpp"
 #include "player/readers/ground_truth.hpp"
-#include "player/readers/point_file.hpp"
 #include "player/sweep/stretch.hpp"
 #include "player/sweep/sweep_choice.hpp"
 #include "player/sweep/sweep_trial.hpp"
@@ -18,7 +18,6 @@
 namespace hp2 {
 namespace {
 
-constexpr std::size_t kStretch = 25;        // scans that are compared at once
 constexpr std::size_t kStretchesTried = 6;  // in search of motion
 constexpr std::size_t kStretchesCounted = 4;
 // Ten seconds of motion must agree before times are made up: a shorter drive is taken as it is.
@@ -51,9 +50,12 @@ std::vector<std::int64_t> turns_of(const std::vector<std::int64_t>& stamps, doub
 
 bool near(double a_rad, double b_rad) { return std::abs(std::remainder(a_rad - b_rad, 2.0 * M_PI)) < 0.3; }
 
-SweepReading turning(bool clockwise, double cut_rad) {
-  return {SweepReading::Kind::kAzimuth, clockwise, cut_rad};
+SweepReading turning(bool clockwise, double cut_deg) {
+  return {SweepReading::Kind::kAzimuth, clockwise, cut_deg * M_PI / 180.0};
 }
+
+/// In hundredths of a degree, so that the reading's name says it exactly.
+double rounded_deg(double angle_rad) { return std::round(angle_rad * 18000.0 / M_PI) / 100.0; }
 
 /// The readings that the order of the points leaves open; none if the sensor does not spin.
 std::vector<SweepReading> likely_readings(const PointOrder& order) {
@@ -62,20 +64,43 @@ std::vector<SweepReading> likely_readings(const PointOrder& order) {
   readings.push_back({});
   if (order.one_turn) {  // the order of firing
     if (!order.has_cut) return {};
-    readings.push_back(turning(order.clockwise, order.cut_rad));
+    readings.push_back(turning(order.clockwise, rounded_deg(order.cut_rad)));
     return readings;
   }
   // Ring by ring. A program that has sorted the points may have begun anywhere: most sensors do so behind.
-  std::vector<double> cuts{M_PI};
-  if (order.has_cut && !near(order.cut_rad, M_PI)) cuts.push_back(order.cut_rad);
-  for (const double cut : cuts)
-    for (const bool clockwise : {true, false}) readings.push_back(turning(clockwise, cut));
+  std::vector<double> cuts_deg{180.0};
+  if (order.has_cut && !near(order.cut_rad, M_PI)) cuts_deg.push_back(rounded_deg(order.cut_rad));
+  for (const double cut_deg : cuts_deg)
+    for (const bool clockwise : {true, false}) readings.push_back(turning(clockwise, cut_deg));
   return readings;
 }
 
-std::vector<SweepReading> readings_with_times() {
+/// Whether the times of the points, or these reversed, are about what `reading` makes of them.
+bool times_fit(const Scan& scan, const SweepReading& reading) {
+  constexpr double kNear = 0.1;  // of a sweep; beams do not look into quite the same azimuth
+  double as_given = 0.0, reversed = 0.0, n = 0.0;
+  for (std::size_t i = 0; i < scan.size(); i += 7) {
+    const auto t = static_cast<double>(time_of_azimuth(reading, std::atan2(scan.y[i], scan.x[i])));
+    as_given += std::abs(static_cast<double>(scan.time[i]) - t);
+    reversed += std::abs(1.0 - static_cast<double>(scan.time[i]) - t);
+    n += 1.0;
+  }
+  return std::min(as_given, reversed) < kNear * n;
+}
+
+/// The readings of points with times: as given, and in which way they may be wrong. Those by azimuth only
+/// where the times fit no place at which a sweep may begin.
+std::vector<SweepReading> readings_with_times(const Scan& scan, const PointOrder& order) {
   using Kind = SweepReading::Kind;
-  return {{Kind::kGiven, true, 0.0}, {}, {Kind::kReversed, true, 0.0}};
+  std::vector<SweepReading> readings{{Kind::kGiven, true, 0.0}, {}, {Kind::kReversed, true, 0.0}};
+  if (scan.time.size() != scan.size()) return readings;
+  std::vector<SweepReading> turns;
+  for (const SweepReading& r : likely_readings(order))
+    if (r.kind == Kind::kAzimuth) turns.push_back(r);
+  const auto fits = [&](const SweepReading& r) { return times_fit(scan, r); };
+  if (std::none_of(turns.begin(), turns.end(), fits))
+    readings.insert(readings.end(), turns.begin(), turns.end());
+  return readings;
 }
 
 class Settlement {
@@ -88,8 +113,6 @@ class Settlement {
   }
 
   bool has_times() const { return has_times_; }
-  /// True if KITTI's program has sorted the points of its HDL-64E: ring by ring counterclockwise from ahead.
-  bool kitti_order() const { return kitti_order_; }
   void apply(const SweepReading& reading);
   std::optional<SweepReading> compare(std::size_t first);
 
@@ -100,7 +123,7 @@ class Settlement {
 
   Drive& drive_;
   std::vector<std::int64_t> stamps_, even_;
-  bool has_times_ = false, kitti_order_ = false;
+  bool has_times_ = false;
 };
 
 std::optional<SweepReading> Settlement::compare(std::size_t first) {
@@ -118,12 +141,10 @@ std::optional<SweepReading> Settlement::compare(std::size_t first) {
     if (!comparison && !scans.empty()) {
       std::vector<const Scan*> few;
       for (std::size_t i = 0; i < scans.size(); i += 5) few.push_back(&scans[i]);
-      const PointOrder order = has_times_ ? PointOrder{} : order_of_points(few);
-      const auto readings = has_times_ ? readings_with_times() : likely_readings(order);
+      const PointOrder order = order_of_points(few);
+      const auto readings = has_times_ ? readings_with_times(scans.front(), order) : likely_readings(order);
       if (readings.empty()) return std::nullopt;
       all_cuts = has_times_ || order.has_cut;
-      kitti_order_ = order.spins && !order.one_turn && !order.clockwise && order.has_cut &&
-                     near(order.cut_rad, 0.0) && looks_like_hdl64(scans.front());
       comparison.emplace(readings, 1e-6 * static_cast<double>(sweep_us()), scale_of_scene(scans.front()));
     }
     if (comparison && comparison->add_stretch(thin_stretch(scans, even_, begin, comparison->scale()))) {
@@ -174,8 +195,11 @@ std::string remark(const SweepReading& reading, bool has_times) {
              "deskewed so "
              "(--sweep given uses the times as they are)";
     default:
-      return "the points have no times; the scans agree best as " + to_text(reading) +
-             ", and are deskewed so (--sweep compensated takes them as they are)";
+      return has_times
+                 ? "the points' times do not fit their directions: the scans agree best as " +
+                       to_text(reading) + ", and are deskewed so (--sweep given uses the times as they are)"
+                 : "the points have no times; the scans agree best as " + to_text(reading) +
+                       ", and are deskewed so (--sweep compensated takes them as they are)";
   }
 }
 
@@ -211,6 +235,21 @@ std::vector<std::int64_t> even_stamps(const std::vector<std::int64_t>& stamps) {
   return even;
 }
 
+std::string name_of_sweep(const SweepReading& reading) {
+  switch (reading.kind) {
+    case SweepReading::Kind::kGiven:
+      return "given";
+    case SweepReading::Kind::kCompensated:
+      return "compensated";
+    case SweepReading::Kind::kReversed:
+      return "reversed";
+    case SweepReading::Kind::kAzimuth:
+      break;
+  }
+  return fmt::format("{}:{:.2f}", reading.clockwise ? "clockwise" : "counterclockwise",
+                     reading.cut_rad * 180.0 / M_PI);
+}
+
 SweepReading parse_sweep(const std::string& name) {
   using Kind = SweepReading::Kind;
   if (name == "compensated") return {Kind::kCompensated, true, 0.0};
@@ -229,30 +268,16 @@ SweepReading parse_sweep(const std::string& name) {
         "the sweep \"" + name + "\" is not understood", "--sweep",
         "Write auto, given, compensated, reversed, clockwise or counterclockwise; the last two may name "
         "the azimuth at which a sweep begins, as in clockwise:90.");
-  return turning(turn == "clockwise", degrees * M_PI / 180.0);
+  return turning(turn == "clockwise", degrees);
 }
 
-bool looks_like_hdl64(const Scan& scan) {
-  if (scan.size() < 60'000) return false;
-  std::vector<double> elevation_deg;
-  for (std::size_t i = 0; i < scan.size(); i += 11) {
-    const double horizontal = std::hypot(static_cast<double>(scan.x[i]), static_cast<double>(scan.y[i]));
-    if (horizontal > 1.0) elevation_deg.push_back(std::atan2(scan.z[i], horizontal) * 180.0 / M_PI);
-  }
-  if (elevation_deg.empty()) return false;
-  std::sort(elevation_deg.begin(), elevation_deg.end());
-  const auto last = static_cast<double>(elevation_deg.size() - 1);
-  const double low = elevation_deg[static_cast<std::size_t>(0.005 * last)];
-  const double high = elevation_deg[static_cast<std::size_t>(0.995 * last)];
-  return low > -27.0 && low < -20.0 && high > -2.0 && high < 4.5;
-}
-
-void settle_sweep(Drive& drive, const std::string& choice, std::size_t first, int vertical_correction) {
+void settle_sweep(Drive& drive, const std::string& choice, std::size_t first) {
   if (choice == "given" || drive.scans.empty()) return;
   Settlement settlement(drive);
   if (choice != "auto") {
     const SweepReading reading = parse_sweep(choice);
     settlement.apply(reading);
+    drive.sweep = choice;
     drive.warnings.push_back("the sweep is read as chosen by hand: " + to_text(reading));
     return;
   }
@@ -260,22 +285,12 @@ void settle_sweep(Drive& drive, const std::string& choice, std::size_t first, in
   const auto found = settlement.compare(first);
   if (!found || found->kind == SweepReading::Kind::kGiven) return;
   settlement.apply(*found);
+  drive.sweep = name_of_sweep(*found);
   drive.time_in_sweep = to_text(*found) + ", as the scans agree best";
   if (!settlement.has_times() && found->kind == SweepReading::Kind::kCompensated)
     spdlog::info("{}", remark(*found, false));  // nothing changes by it
   else
     drive.warnings.push_back(remark(*found, settlement.has_times()));
-  // The order of the file is not that of the sweep: together they are the mark of KITTI's recordings.
-  const bool kitti = settlement.kitti_order() && found->kind == SweepReading::Kind::kAzimuth &&
-                     found->clockwise && near(found->cut_rad, M_PI);
-  if (!kitti || vertical_correction >= 0) return;
-  drive.decode = [inner = std::move(drive.decode)](const DriveScan& entry, Scan& scan) {
-    inner(entry, scan);
-    correct_kitti_vertical_angle(scan);
-  };
-  drive.warnings.push_back(
-      "the scans are those of KITTI's HDL-64E: the vertical angles are corrected by 0.205 degrees "
-      "(--vertical-correction off takes them as they are)");
 }
 
 }  // namespace hp2

@@ -15,20 +15,16 @@ namespace hp2 {
 /// @param choice "auto": the scans are compared under each reading, and one that is clearly best is taken;
 ///               "given": nothing is done; else a reading as parse_sweep() knows it
 /// @param first  scan from which on the drive is looked at
-/// @param vertical_correction -1: scans that "auto" finds to be those of KITTI's HDL-64E are corrected by
-/// 0.205
-///               degrees, which their publishers' calibration lacks; 0 or 1: the reader does what there is to
-///               do
 /// @throws Error for an unknown choice
-void settle_sweep(Drive& drive, const std::string& choice, std::size_t first, int vertical_correction = 0);
-
-/// True for the beams of an HDL-64E: 60,000 points or more from 25 degrees below the horizon to 3 above.
-bool looks_like_hdl64(const Scan& scan);
+void settle_sweep(Drive& drive, const std::string& choice, std::size_t first);
 
 /// A reading by name: "compensated", "reversed", "clockwise" or "counterclockwise", the latter two from
 /// behind or from the azimuth that follows, as in "clockwise:90" [degrees].
 /// @throws Error for anything else
 SweepReading parse_sweep(const std::string& name);
+
+/// The name by which parse_sweep() knows a reading; "given" for times as they are.
+std::string name_of_sweep(const SweepReading& reading);
 
 /// Stamps of a sensor that turns evenly, without the jitter and rounding of the recorded ones. Gaps stay.
 /// Unchanged where the stamps are not those of an even turn.

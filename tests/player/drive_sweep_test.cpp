@@ -106,6 +106,14 @@ TEST(DriveSweep, FindsClockwiseSweepOfDistortedScans) {
   settle_sweep(drive, "auto", 0);
   ASSERT_EQ(drive.warnings.size(), 1U);
   EXPECT_THAT(drive.warnings[0], testing::HasSubstr("turning clockwise from azimuth 180"));
+  EXPECT_THAT(drive.sweep, testing::StartsWith("clockwise:"));
+  // A run that goes on takes the name in place of the search: its times are the same bit for bit.
+  Drive again = make_drive("synthetic:loop", {});
+  settle_sweep(again, drive.sweep, 0);
+  Scan found, named;
+  drive.decode(drive.scans[7], found);
+  again.decode(again.scans[7], named);
+  EXPECT_EQ(found.time, named.time);
   EXPECT_EQ(drive.scans[3].duration_us, 100'000);
   EXPECT_NEAR(static_cast<double>(drive.scans[3].utime), static_cast<double>(stamp), 50'000.0);
   Scan after;

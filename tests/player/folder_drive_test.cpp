@@ -112,6 +112,34 @@ TEST(FolderDrive, FirstCountStrideKeepTheSweepsLength) {
   EXPECT_THAT(error_of([&] { open_source(folder.path(), options); }), HasSubstr("no scan is left"));
 }
 
+TEST(FolderDrive, ReadsPtimesInOtherUnits) {
+  struct Case {
+    double first, span;
+    std::string remark;
+  };
+  for (const Case& c :
+       {Case{0.0, 1.0, ""}, Case{0.0, 0.1, "seconds"}, Case{0.0, 100.0, "milliseconds"},
+        Case{-0.05, 0.1, "seconds"}, Case{-0.5, 1.0, "-0.50..0.50"}, Case{0.5, 1.0, "0.50..1.50"}}) {
+    const TemporaryFolder folder;
+    write_generic(folder, 4, false);
+    for (std::size_t i = 0; i < 4; ++i) {
+      std::string t;
+      for (std::size_t k = 0; k < 5 + i; ++k)
+        test::put(t,
+                  static_cast<float>(c.first + c.span * static_cast<double>(k) / static_cast<double>(4 + i)));
+      folder.write("ptimes/" + number(i) + ".bin", t);
+    }
+    const auto source = open_source(folder.path());
+    const Scan scan = source->read(1);
+    EXPECT_NEAR(static_cast<double>(scan.duration_us), 100'000.0, 1.0) << c.span;
+    ASSERT_EQ(scan.time.size(), 6U);
+    for (std::size_t k = 0; k < 6; ++k)
+      EXPECT_NEAR(scan.time[k], static_cast<float>(k) / 5.0F, 1e-4F) << c.first;
+    ASSERT_EQ(source->warnings().size(), c.remark.empty() ? 0U : 1U);
+    EXPECT_THAT(testing::PrintToString(source->warnings()), HasSubstr(c.remark));
+  }
+}
+
 TEST(FolderDrive, DroppedScansDoNotStretchTheSweep) {
   const TemporaryFolder folder;
   std::string times;
