@@ -12,12 +12,8 @@ constexpr int kPatch = 31;
 // ORB looks for no corner nearer to the image's border than this: an empty margin of that width loses none.
 constexpr int kMargin = kPatch;
 
-// Marks the features that look like another one. Compiled twice, with and without the POPCNT instruction, as
-// the tree's inner loop.
-#ifndef __SANITIZE_THREAD__
-__attribute__((target_clones("popcnt", "default")))
-#endif
-void mark_repeated(const Descriptor* all, std::size_t n, int bits, char* repeated) {
+// Marks the features that look like another one.
+HP2_COUNTS_BITS void mark_repeated(const Descriptor* all, std::size_t n, int bits, char* repeated) {
   for (std::size_t i = 0; i < n; ++i) {
     for (std::size_t j = i + 1; j < n; ++j) {
       if (hamming_distance(all[i], all[j]) <= bits) repeated[i] = repeated[j] = 1;

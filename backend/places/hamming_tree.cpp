@@ -13,14 +13,9 @@ inline bool bit_of(const Descriptor& d, int bit) {
 // A split that leaves less than this share on one side brings nothing.
 constexpr double kMinShare = 0.1;
 
-// The inner loop. Compiled twice, with and without the POPCNT instruction, and chosen when the program
-// starts: the portable baseline has none and would be several times as slow. (The thread sanitizer cannot:
-// the choice is made before it is ready.)
-#ifndef __SANITIZE_THREAD__
-__attribute__((target_clones("popcnt", "default")))
-#endif
-void scan_leaf(const TreeEntry* entries, std::size_t n, const Descriptor& query, int max_distance,
-               std::vector<TreeMatch>& matches) {
+// The inner loop: without the POPCNT instruction several times as slow.
+HP2_COUNTS_BITS void scan_leaf(const TreeEntry* entries, std::size_t n, const Descriptor& query,
+                               int max_distance, std::vector<TreeMatch>& matches) {
   for (std::size_t i = 0; i < n; ++i) {
     const int distance = __builtin_popcountll(entries[i].descriptor[0] ^ query[0]) +
                          __builtin_popcountll(entries[i].descriptor[1] ^ query[1]) +

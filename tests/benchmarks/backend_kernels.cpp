@@ -61,8 +61,7 @@ void BM_TreeSearch(benchmark::State& state) {
 }
 BENCHMARK(BM_TreeSearch)->Arg(10000)->Arg(100000)->Arg(1000000)->Unit(benchmark::kMicrosecond);
 
-__attribute__((target_clones("popcnt", "default"))) int scan_all(const TreeEntry* e, std::size_t n,
-                                                                 const Descriptor& q) {
+HP2_COUNTS_BITS int scan_all(const TreeEntry* e, std::size_t n, const Descriptor& q) {
   int found = 0;
   for (std::size_t i = 0; i < n; ++i) {
     found += __builtin_popcountll(e[i].descriptor[0] ^ q[0]) +

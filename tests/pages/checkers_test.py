@@ -1,5 +1,8 @@
 """The scripts that check pages and comments find what they are for, and nothing else."""
+import json
+import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -73,6 +76,48 @@ class Links(unittest.TestCase):
 
     def test_FlagsPicturesThatAreMissing(self):
         self.assertEqual(check("check_links.py", "a.md", '<img src="missing.png" width="4">\n')[0], 1)
+
+
+@unittest.skipUnless(shutil.which("clang-tidy-14") and shutil.which("git"), "clang-tidy-14 or git is not installed")
+class Tidy(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.root = pathlib.Path(temporary.name).resolve()
+        (self.root / "scripts").mkdir()
+        (self.root / "build").mkdir()
+        shutil.copy(SCRIPTS / "check_style.sh", self.root / "scripts")
+        shutil.copy(SCRIPTS.parent / ".clang-tidy", self.root)
+        self.run_command("git", "init", "-q")
+
+    def run_command(self, *command):
+        environment = {**os.environ, "GIT_CONFIG_GLOBAL": "/dev/null"}
+        return subprocess.run(command, cwd=self.root, env=environment, capture_output=True, text=True)
+
+    def commit(self, **sources):
+        for name, text in sources.items():
+            (self.root / f"{name}.cpp").write_text(text)
+        files = [{"directory": str(self.root), "file": str(f), "command": f"c++ -std=c++17 -Winvalid-pch -include {self.root}/cmake_pch.hxx -c {f}"}
+                 for f in self.root.glob("*.cpp")]
+        (self.root / "build" / "compile_commands.json").write_text(json.dumps(files, indent=1))
+        self.run_command("git", "add", "*.cpp")
+        run = self.run_command("git", "-c", "user.name=a", "-c", "user.email=a@example.org", "commit", "-qm", "a")
+        self.assertEqual(run.returncode, 0, run.stderr)
+
+    def test_FlagsMistakeInTheLastCommitAndNotInEarlierOnes(self):
+        self.commit(old="int* old() { return 0; }\n")
+        self.commit(bad="int* bad() { return 0; }\n")
+        run = self.run_command("scripts/check_style.sh", "tidy")
+        self.assertEqual(run.returncode, 1, run.stdout + run.stderr)
+        self.assertIn("bad.cpp:1:21: error: use nullptr", run.stdout)
+        self.assertNotIn("old.cpp", run.stdout)
+        self.assertIn("old.cpp:1:21: error: use nullptr", self.run_command("scripts/check_style.sh", "tidy", "--all").stdout)
+
+    def test_AcceptsCleanSources(self):
+        self.commit(first="int first() { return 1; }\n")
+        self.commit(good="int* good() { return nullptr; }\n")
+        run = self.run_command("scripts/check_style.sh", "tidy")
+        self.assertEqual((run.returncode, run.stdout), (0, "clang-tidy: 1 sources, nothing found\n"), run.stderr)
 
 
 if __name__ == "__main__":
