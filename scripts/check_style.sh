@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Checks the formatting of the C++ sources (clang-format-14), the shell scripts (shellcheck), or the C++ sources for
-# mistakes (clang-tidy-14, .clang-tidy; some 10 s per file).
+# mistakes (clang-tidy-14, .clang-tidy; some 10 s per file, without tests/).
 #   scripts/check_style.sh format|shell
 #   scripts/check_style.sh tidy [--all | --since COMMIT] [--build DIR]
 # tidy looks at the sources that changed since COMMIT (default: the last commit and what is not committed), at most 12 of them,
@@ -40,7 +40,10 @@ tidy() {
   # Those that this build compiles. The compiler's precompiled headers are not clang's.
   mkdir -p "$build/tidy"
   sed -E 's/ -Winvalid-pch//; s/ -include [^ ]*cmake_pch\.hxx//' "$commands" >"$build/tidy/compile_commands.json"
-  sources=$(for file in $sources; do if grep -qF "$PWD/${file#./}\"" "$commands"; then echo "$file"; fi; done)
+  sources=$(for file in $sources; do
+    case ${file#./} in tests/*) continue ;; esac
+    if grep -qF "$PWD/${file#./}\"" "$commands"; then echo "$file"; fi
+  done)
   if [ "$all" = 0 ] && [ "$(wc -l <<<"$sources")" -gt "$most" ]; then
     echo "left out: $(tail -n "+$((most + 1))" <<<"$sources" | tr '\n' ' ')"
     sources=$(head -n "$most" <<<"$sources")
