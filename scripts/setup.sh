@@ -20,7 +20,7 @@ done
 
 packages=(build-essential cmake ninja-build liblcm-dev liblcm-bin libeigen3-dev libopencv-dev libceres-dev
   libspdlog-dev libgtest-dev libgmock-dev libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libsqlite3-dev libdeflate-dev
-  libpcap-dev libzstd-dev liblz4-dev libbz2-dev
+  libpcap-dev libzstd-dev liblz4-dev liblzf-dev libbz2-dev
   sqlite3 libbenchmark-dev robin-map-dev libjs-chart.js python3 iproute2)
 # The Python package (-DHP2_WITH_PYTHON=ON) needs more.
 case " ${options[*]-} " in *" -DHP2_WITH_PYTHON=ON "*) packages+=(pybind11-dev python3-dev python3-numpy) ;; esac

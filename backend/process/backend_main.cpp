@@ -1,6 +1,8 @@
 // hp2_backend: keeps the session, closes loops, publishes the corrected graph.
 #include <cstdio>
 
+#include <CLI/CLI.hpp>
+
 #include "backend/process/backend_process.hpp"
 #include "common/error.hpp"
 #include "common/program.hpp"

@@ -3,6 +3,7 @@
 #include <csignal>
 #include <cstdio>
 
+#include <CLI/CLI.hpp>
 #include <spdlog/spdlog.h>
 
 #include "common/program.hpp"

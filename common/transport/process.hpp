@@ -3,10 +3,12 @@
 #include <functional>
 #include <string>
 
-#include <CLI/CLI.hpp>
-
 #include "common/config.hpp"
 #include "common/transport/endpoint.hpp"
+
+namespace CLI {
+class App;  // its header costs seconds per file: only those that define options include it
+}
 
 namespace hp2 {
 

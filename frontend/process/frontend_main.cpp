@@ -1,4 +1,6 @@
 // hp2_frontend: registers scans and cuts submaps.
+#include <CLI/CLI.hpp>
+
 #include "common/program.hpp"
 #include "common/transport/lcm_bus.hpp"
 #include "common/transport/process.hpp"

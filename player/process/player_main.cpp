@@ -3,6 +3,8 @@
 #include <map>
 #include <string>
 
+#include <CLI/CLI.hpp>
+
 #include "common/error.hpp"
 #include "common/evaluation/trajectory.hpp"
 #include "common/program.hpp"

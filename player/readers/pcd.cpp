@@ -5,9 +5,10 @@
 #include <cstring>
 #include <vector>
 
+#include <liblzf/lzf.h>
+
 #include "common/error.hpp"
 #include "player/readers/file_io.hpp"
-#include "player/readers/lzf.hpp"
 #include "player/readers/point_file.hpp"
 
 namespace hp2 {
@@ -188,8 +189,9 @@ void parse_pcd(std::string_view bytes, const std::string& path, PointFile& out) 
   if (header.n != sizes[1] / header.stride || sizes[1] % header.stride != 0 || sizes[1] / 88 > sizes[0])
     fail(lie, path);
   std::vector<char> table(sizes[1]);
-  if (!lzf_expand(bytes.substr(sizeof(sizes), sizes[0]), table.data(), table.size()))
-    fail("the compressed PCD data is damaged", path);
+  const char* packed = bytes.data() + sizeof(sizes);
+  const unsigned expanded = sizes[0] == 0 ? 0 : lzf_decompress(packed, sizes[0], table.data(), sizes[1]);
+  if (expanded != sizes[1]) fail("the compressed PCD data is damaged", path);
   read_points(
       columns_of(header, path,
                  [&](const Field& f) {

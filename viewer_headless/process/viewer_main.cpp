@@ -1,6 +1,7 @@
 // hp2_viewer_headless: writes map, trajectories, pictures and report of a session, live or afterwards.
 #include <algorithm>
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
 

@@ -1,0 +1,12 @@
+# CMake toolchain: Debian's cross compiler for arm64, with Debian's libraries for arm64 beside those of this machine (multiarch).
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR aarch64)
+set(CMAKE_C_COMPILER aarch64-linux-gnu-gcc)
+set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++)
+set(CMAKE_STRIP aarch64-linux-gnu-strip)
+set(CMAKE_OBJCOPY aarch64-linux-gnu-objcopy)
+set(CMAKE_OBJDUMP aarch64-linux-gnu-objdump)
+set(CMAKE_CROSSCOMPILING_EMULATOR /usr/bin/qemu-aarch64-static)
+set(PKG_CONFIG_EXECUTABLE /usr/bin/aarch64-linux-gnu-pkg-config)
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CPACK_DEBIAN_PACKAGE_ARCHITECTURE arm64 CACHE STRING "")
