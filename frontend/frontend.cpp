@@ -117,7 +117,7 @@ FrontendOutput Frontend::Impl::process_corrected(const Scan& scan) {
   scan_.n_points = static_cast<int>(scan.size());
   // The map's voxels do not change while the first scans may be registered again.
   if (robust_.map_scale && !start_.open() && !track_.at_start()) {
-    scale_.add(scan, config_.min_range_m, config_.max_range_m);
+    scale_.add(scan, config_.min_range_m, config_.max_range_m, track_.mean_range_m());
     use_sizes(map_sizes(config_, scale_.voxel_m()));
   }
   preprocessor_.run(scan, usable_times(scan), parallel_, scan_.cloud);

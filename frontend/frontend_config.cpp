@@ -26,7 +26,7 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("redeskew_gain", c.redeskew_gain,
         "Share of the difference that they correct in the first scans; later ones are filtered", 0.0, 1.0);
   s.add("voxel_size_m", c.voxel_size_m,
-        "Edge of a local map voxel [m]; 0: 0.4 to 0.8, by how far the sensor sees", 0.0, 10.0);
+        "Edge of a local map voxel [m]; 0: 0.2 to 0.8, by how densely and how far the sensor sees", 0.0, 10.0);
   s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
   s.add("min_spacing_m", c.min_spacing_m,
         "Points of a voxel are at least this far apart [m]; 0: 0.375 voxel_size_m", 0.0, 10.0);
@@ -60,6 +60,8 @@ ConfigSection frontend_section(FrontendConfig& c) {
         "sigma never rises above this [m]; where predictions are worse, mode robust registers from other "
         "guesses as well",
         0.01, 1000.0);
+  s.add("max_sigma_share", c.max_sigma_share,
+        "Mode robust: nor above this share of the mean range of the scan's points", 0.01, 1000.0);
   s.add("sigma_window", c.sigma_window, "Motion errors that sigma is the RMS of", 1, 100000);
   s.add("submap_length_m", c.submap_length_m,
         "Travel after which a submap is cut, beta [m]; the paper's is 100; 0: 25, or 15 where the sensor "

@@ -67,6 +67,7 @@ struct FrontendConfig {
   double initial_sigma_m = 2.0;
   double min_sigma_m = 0.1;
   double max_sigma_m = 2.0;
+  double max_sigma_share = 0.2;
   int sigma_window = 100;
   double submap_length_m = 0.0;
   double submap_voxel_m = 0.5;

@@ -11,6 +11,7 @@
 namespace hp2 {
 namespace {
 
+constexpr double kFitScale = 0.5;  // of a voxel: distance at which a point counts half in the fit
 constexpr std::size_t kFewPoints = 800;  // enough for the direction of a long step
 // A neighbour found by the search stays valid while the point moves by this much [m]: some steps, bounded.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;
@@ -188,6 +189,7 @@ IcpResult HybridIcp::iterate(LocalMap& map, const std::vector<Eigen::Vector3f>& 
   if (map.empty() || source.empty()) return result;
   const Eigen::Vector3d origin = origin_.cast<double>() * map.voxel_size_m();
   Pose local(guess.rotation, guess.translation - origin);
+  fit2_ = static_cast<float>(std::pow(kFitScale * map.voxel_size_m(), 2));
   const double lever = result.mean_range_m = rms_range_m(source);
 
   Matrix6d information = Matrix6d::Zero();

@@ -65,7 +65,7 @@ struct IcpResult {
   bool converged = false;
   double rms_m = 0.0;
   double mean_range_m = 0.0;  ///< RMS distance of the source points from their origin.
-  double fit = 0.0;  ///< Soft share of source points that lie within half a metre of a map point, 0..1.
+  double fit = 0.0;           ///< Soft share of source points within half a voxel of a map point, 0..1.
   double inlier_ratio = 0.0;  ///< Correspondences within 3 sigma over source points.
   double min_eigenvalue_ratio = 0.0;
   int unobserved_directions = 0;
@@ -175,6 +175,7 @@ class HybridIcp {
   std::vector<Part> parts_;
   // Scales of the robust loss [m], and what the last iteration has summed with them.
   ResidualScales scales_;
+  float fit2_ = 0.0F;  // [m^2], squared scale of IcpResult::fit
   NormalEquations sums_;
   float margin_m_ = 0.0F;         // of the present searches (LocalMap::nearest)
   bool in_plane_needed_ = false;  // by a weak direction of the present registration

@@ -20,7 +20,6 @@ float robust_weight(float squared_error, float c2, float per_sigma2) {
 }
 
 constexpr std::size_t kAhead = 6;     // queries to prefetch ahead
-constexpr float kFit2 = 0.5F * 0.5F;  // [m^2], scale of IcpResult::fit
 constexpr float kEmptyMove = 0.2F;    // of a voxel
 constexpr float kFar = 50.0F;         // [m]: seen from there, a non-planar point weighs half when refining
 
@@ -172,7 +171,7 @@ void HybridIcp::accumulate(const Selection& source, const Pose& local_from_sourc
     const Eigen::Vector3f d = p - c.target;
     const float squared = d.squaredNorm();
     if (squared > max2) continue;
-    fit += kFit2 / (kFit2 + squared);
+    fit += fit2_ / (fit2_ + squared);
     const Eigen::Vector3f& n = c.normal;
     if (n != Eigen::Vector3f::Zero()) {
       const float e = n.dot(d);

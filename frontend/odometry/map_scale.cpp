@@ -9,20 +9,26 @@
 
 namespace hp2 {
 
-void MapScale::add(const Scan& scan, double min_range_m, double max_range_m) {
-  if (growth_ > 0.0 && ++scans_ < config_.every) return;
-  scans_ = 0;
-  add_growth(surface_growth(scan, config_.smallest_m, min_range_m, max_range_m));
+void MapScale::add(const Scan& scan, double min_range_m, double max_range_m, double mean_range_m) {
+  if (!(growth_ > 0.0) || ++scans_ >= config_.every) {
+    scans_ = 0;
+    add_growth(surface_growth(scan, config_.smallest_m, min_range_m, max_range_m));
+  }
+  settle(mean_range_m);
 }
 
 void MapScale::add_growth(double growth) {
   if (!(growth > 0.0)) return;
-  const bool first = !(growth_ > 0.0);
-  growth_ = first ? growth : config_.memory * growth_ + (1.0 - config_.memory) * growth;
+  growth_ = growth_ > 0.0 ? config_.memory * growth_ + (1.0 - config_.memory) * growth : growth;
+}
+
+void MapScale::settle(double mean_range_m) {
+  if (!(growth_ > 0.0)) return;
   const double share = std::clamp((growth_ - config_.lines) / (config_.surface - config_.lines), 0.0, 1.0);
-  const double wanted = config_.largest_m - share * (config_.largest_m - config_.smallest_m);
+  const double by_growth = config_.largest_m - share * (config_.largest_m - config_.smallest_m);
+  const double wanted = std::min(by_growth, std::max(config_.least_m, config_.range_share * mean_range_m));
   const bool differs = wanted > config_.hysteresis * voxel_m_ || voxel_m_ > config_.hysteresis * wanted;
-  if (first || differs) voxel_m_ = wanted;
+  if (differs) voxel_m_ = wanted;
 }
 
 void MapScale::save(ByteWriter& out) const {
@@ -36,7 +42,8 @@ void MapScale::load(ByteReader& in) {
   growth_ = in.take<double>();
   voxel_m_ = in.take<double>();
   const bool growth = growth_ >= 0.0 && growth_ < 1e6 && scans_ >= 0 && scans_ <= config_.every;
-  if (!growth || !(voxel_m_ >= config_.smallest_m && voxel_m_ <= config_.largest_m)) in.fail("map scale");
+  const bool voxel = voxel_m_ == 0.0 || (voxel_m_ >= config_.least_m && voxel_m_ <= config_.largest_m);
+  if (!growth || !voxel) in.fail("map scale");
 }
 
 double surface_growth(const Scan& scan, double voxel_m, double min_range_m, double max_range_m) {

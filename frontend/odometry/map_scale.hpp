@@ -1,4 +1,5 @@
-// Sizes of the local map's voxels and of the downsampling: they follow from how far the sensor sees.
+// Sizes of the local map's voxels and of the downsampling: they follow from how densely
+// and how far the sensor sees.
 #pragma once
 #include "common/byte_io.hpp"
 #include "common/scan.hpp"
@@ -17,9 +18,10 @@ struct MapSizes {
 struct MapScaleConfig {
   double smallest_m = 0.4, largest_m = 0.8;  ///< Bounds of the map's voxel [m].
   double lines = 2.65, surface = 3.1;        ///< Growths that they belong to; between them linear.
+  double range_share = 0.04, least_m = 0.2;  ///< At most this share of the mean range, but not below [m].
   int every = 32;                            ///< Scans from one measurement to the next.
   double memory = 0.8;                       ///< Share of the mean growth that stays at a measurement.
-  double hysteresis = 1.25;  ///< The voxel changes when the wanted one differs by this factor.
+  double hysteresis = 1.1;   ///< The voxel changes when the wanted one differs by this factor.
 };
 
 /// A voxel should be as small as the scene allows, and hold several scan lines. Where halving the voxels
@@ -30,12 +32,14 @@ class MapScale {
  public:
   explicit MapScale(const MapScaleConfig& config = {}) : config_(config) {}
 
-  /// Measures a scan if it is its turn.
-  void add(const Scan& scan, double min_range_m, double max_range_m);
+  /// Measures a scan if it is its turn; settles for the mean range of what was registered last [m].
+  void add(const Scan& scan, double min_range_m, double max_range_m, double mean_range_m);
   /// Takes a measured growth (surface_growth()); not positive: the scan gives none.
   void add_growth(double growth);
+  /// Sets the voxel by the growth so far and the mean range [m].
+  void settle(double mean_range_m);
   /// Edge of the map's voxel now [m].
-  double voxel_m() const { return voxel_m_; }
+  double voxel_m() const { return voxel_m_ > 0.0 ? voxel_m_ : config_.largest_m; }
 
   void save(ByteWriter& out) const;
   void load(ByteReader& in);
@@ -44,7 +48,7 @@ class MapScale {
   MapScaleConfig config_;
   int scans_ = 0;        // since the last measurement
   double growth_ = 0.0;  // running mean; 0: none yet
-  double voxel_m_ = 0.8;
+  double voxel_m_ = 0.0;  // 0: not set yet
 };
 
 /// Voxels of edge `voxel_m` that a scan's points occupy, over those of twice the edge: 1 to 4, and some more

@@ -70,7 +70,11 @@ Track::Expectation Track::expect(const StampedCloud& scan, Remarks& remarks) con
   e.pose = motion_.predict(scan.utime);
   e.stretch = motion_.stretch(scan.utime);
   e.error_m = scale_.sigma_m(e.stretch);
-  e.sigma_m = std::min(e.error_m, config_.max_sigma_m);
+  e.most_m = config_.max_sigma_m;
+  // Beyond a part of the range a correspondence means nothing.
+  if (robust_.map_scale && !map_.empty() && !at_start())
+    e.most_m = std::clamp(config_.max_sigma_share * seen_range_m_, config_.min_sigma_m, e.most_m);
+  e.sigma_m = std::min(e.error_m, e.most_m);
   e.after_gap = motion_.is_gap(scan.utime);
   e.after_drops = motion_.interval_ratio(scan.utime) > config_.late_scan_ratio;
   return e;
@@ -99,7 +103,7 @@ IcpResult Track::register_scan(const StampedCloud& scan, const Expectation& expe
   if (source_.empty() || map_.empty()) return {};
   if (at_start()) return register_second(scan, expected.sigma_m, parallel);
   IcpResult icp = icp_.align(map_, source_, expected.pose, expected.sigma_m, parallel);
-  if (robust_.guesses && expected.error_m > config_.max_sigma_m)
+  if (robust_.guesses && expected.error_m > expected.most_m)
     icp = try_other_guesses(icp, scan, expected, parallel);
   if (robust_.motion_filter) icp = deskew_again(icp, scan, expected, parallel);
   if (robust_.refinement) {

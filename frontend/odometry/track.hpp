@@ -85,6 +85,8 @@ class Track {
   /// Right after a submap was cut only.
   void save(ByteWriter& out) const;
   void load(ByteReader& in);
+  /// RMS distance of the last registered points [m]; 100 before the first.
+  double mean_range_m() const { return seen_range_m_; }
 
  private:
   // What is known of a scan before it is registered.
@@ -92,6 +94,7 @@ class Track {
     Pose pose;                 // predicted, at the sweep's end
     double stretch = 1.0;      // MotionModel::stretch()
     double error_m = 0.0;      // expected of the prediction; sigma but for its upper bound
+    double most_m = 0.0;       // upper bound of sigma
     double sigma_m = 0.0;      // of the registration
     bool after_gap = false;    // the motion so far gives no reliable prediction
     bool after_drops = false;  // scans are missing before this one
