@@ -21,7 +21,7 @@ struct MapScaleConfig {
   double range_share = 0.04, least_m = 0.2;  ///< At most this share of the mean range, but not below [m].
   int every = 32;                            ///< Scans from one measurement to the next.
   double memory = 0.8;                       ///< Share of the mean growth that stays at a measurement.
-  double hysteresis = 1.1;   ///< The voxel changes when the wanted one differs by this factor.
+  double hysteresis = 1.1;  ///< The voxel changes when the wanted one differs by this factor.
 };
 
 /// A voxel should be as small as the scene allows, and hold several scan lines. Where halving the voxels
@@ -46,8 +46,8 @@ class MapScale {
 
  private:
   MapScaleConfig config_;
-  int scans_ = 0;        // since the last measurement
-  double growth_ = 0.0;  // running mean; 0: none yet
+  int scans_ = 0;         // since the last measurement
+  double growth_ = 0.0;   // running mean; 0: none yet
   double voxel_m_ = 0.0;  // 0: not set yet
 };
 
