@@ -26,7 +26,8 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("redeskew_gain", c.redeskew_gain,
         "Share of the difference that they correct in the first scans; later ones are filtered", 0.0, 1.0);
   s.add("voxel_size_m", c.voxel_size_m,
-        "Edge of a local map voxel [m]; 0: 0.2 to 0.8, by how densely and how far the sensor sees", 0.0, 10.0);
+        "Edge of a local map voxel [m]; 0: 0.2 to 0.8, by how densely and how far the sensor sees", 0.0,
+        10.0);
   s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
   s.add("min_spacing_m", c.min_spacing_m,
         "Points of a voxel are at least this far apart [m]; 0: 0.375 voxel_size_m", 0.0, 10.0);

@@ -11,7 +11,7 @@
 namespace hp2 {
 namespace {
 
-constexpr double kFitScale = 0.5;  // of a voxel: distance at which a point counts half in the fit
+constexpr double kFitScale = 0.5;        // of a voxel: distance at which a point counts half in the fit
 constexpr std::size_t kFewPoints = 800;  // enough for the direction of a long step
 // A neighbour found by the search stays valid while the point moves by this much [m]: some steps, bounded.
 constexpr float kMarginSteps = 5.0F, kLeastMargin = 0.04F, kMostMargin = 0.15F;

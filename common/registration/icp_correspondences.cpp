@@ -19,9 +19,9 @@ float robust_weight(float squared_error, float c2, float per_sigma2) {
   return d * d * per_sigma2;
 }
 
-constexpr std::size_t kAhead = 6;     // queries to prefetch ahead
-constexpr float kEmptyMove = 0.2F;    // of a voxel
-constexpr float kFar = 50.0F;         // [m]: seen from there, a non-planar point weighs half when refining
+constexpr std::size_t kAhead = 6;   // queries to prefetch ahead
+constexpr float kEmptyMove = 0.2F;  // of a voxel
+constexpr float kFar = 50.0F;       // [m]: seen from there, a non-planar point weighs half when refining
 
 // A line has many normals. Where a sensor draws single lines, such as a ring on the ground ahead, the normal
 // may lie flat. It would then hold the sensor to its own scan pattern, which moves with it. A line at one

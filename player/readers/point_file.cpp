@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "common/error.hpp"
-#include "common/sensor.hpp"
 #include "player/readers/bin_layout.hpp"
 #include "player/readers/file_io.hpp"
 
@@ -141,7 +140,5 @@ std::vector<double> parse_ascii_table(std::string_view text, std::size_t n, std:
   }
   return table;
 }
-
-void correct_kitti_vertical_angle(Scan& scan) { raise_vertical_angles(scan, 0.205 * M_PI / 180.0); }
 
 }  // namespace hp2

@@ -72,8 +72,4 @@ const std::vector<std::string>& point_file_extensions();
 std::vector<double> parse_ascii_table(std::string_view text, std::size_t n, std::size_t width,
                                       const std::string& path);
 
-/// The 0.205 degrees by which the vertical angles of the KITTI odometry benchmark's scans are off (IMLS-SLAM,
-/// KISS-ICP): each point is turned up by it about the horizontal axis through the sensor.
-void correct_kitti_vertical_angle(Scan& scan);
-
 }  // namespace hp2

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "common/error.hpp"
-#include "player/readers/point_file.hpp"
+#include "common/sensor.hpp"
 
 namespace hp2 {
 namespace {
@@ -56,6 +56,8 @@ bool looks_like_kitti(const Scan& scan) {
   if (100 * rounded < 99 * sampled || (bright && between == 0)) return false;
   return has_beams_of_hdl64(scan);
 }
+
+void correct_kitti_vertical_angle(Scan& scan) { raise_vertical_angles(scan, 0.205 * M_PI / 180.0); }
 
 void settle_vertical_angles(Drive& drive, int correction, std::size_t first) {
   bool correct = correction > 0;

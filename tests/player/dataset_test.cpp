@@ -7,6 +7,7 @@
 
 #include "player/readers/point_file.hpp"
 #include "player/scan_source.hpp"
+#include "player/sweep/vertical_angles.hpp"
 #include "tests/player/test_files.hpp"
 
 namespace hp2 {
