@@ -25,6 +25,7 @@ usage: scripts/run_slam.sh DATA --out DIR [options]
   --times-unit U, --points-unit U   units of scans' times (s, ms, us, ns) and points (m, cm, mm), if not to be found
   --skip-damaged    go on where a scan cannot be read: it is left out, counted and reported
   --ground-truth-topic NAME  topic of a bag with poses to compare with (Odometry, PoseStamped, NavSatFix)
+  --sweep NAME, --vertical-correction auto|on|off   how the points lie in the sweep, and KITTI's angles; see hp2_player --help
   --config FILE     settings (YAML); see hp2_frontend --print-config
   --rate R|max      times real time; max (default): as fast as the front-end registers, no scan skipped
   --first N, --count N, --stride N   which scans
@@ -60,7 +61,7 @@ die() {
 }
 
 data="" out="" config="" restart=0 overwrite=0 url="" live_every=0 threads=2 mode="" rate=max give_up_after=120 id=""
-selection=() damaged=()
+selection=() damaged=() reading=()
 while [ $# -gt 0 ]; do
   case $1 in
     -h | --help) usage && exit 0 ;;
@@ -70,7 +71,7 @@ while [ $# -gt 0 ]; do
     --*)
       case $1 in
         --out | --config | --rate | --dataset | --topic | --ground-truth-topic | --metadata | --bin-layout | --first | --count | \
-          --stride | --threads | --mode | --live-every | --lcm-url | --give-up-after | --build | --times-unit | --points-unit) ;;
+          --stride | --threads | --mode | --live-every | --lcm-url | --give-up-after | --build | --times-unit | --points-unit | --sweep | --vertical-correction) ;;
         *) die "unknown option $1. See scripts/run_slam.sh --help." 2 ;;
       esac
       [ $# -ge 2 ] || die "$1 needs a value. See scripts/run_slam.sh --help." 2
@@ -79,6 +80,7 @@ while [ $# -gt 0 ]; do
         --config) config=$2 ;;
         --rate) rate=$2 ;;
         --dataset | --topic | --ground-truth-topic | --metadata | --bin-layout | --first | --count | --stride | --times-unit | --points-unit) selection+=("$1" "$2") ;;
+        --sweep | --vertical-correction) reading+=("$1" "$2") ;;
         --threads) threads=$2 ;;
         --mode) mode=$2 ;;
         --live-every) live_every=$2 ;;
@@ -121,7 +123,7 @@ mode_option=()
 settings=$("$bin/hp2_frontend" ${configured[@]+"${configured[@]}"} ${mode_option[@]+"${mode_option[@]}"} --print-config &&
   "$bin/hp2_backend" --session x ${configured[@]+"${configured[@]}"} --print-config &&
   "$bin/hp2_viewer_headless" --out x ${configured[@]+"${configured[@]}"} --print-config) || exit 1
-drive=$(realpath -q -e -- "$data" || echo "$data")${selection[*]+" ${selection[*]}"}
+drive=$(realpath -q -e -- "$data" || echo "$data")${selection[*]+" ${selection[*]}"}${reading[*]+" ${reading[*]}"}
 same=(--meta "drive=$drive" --meta "configuration=$settings")
 # A run whose player could not read on has left its results, and this mark: the same command plays the drive again.
 unread=$session/drive_not_read
@@ -144,7 +146,7 @@ TEXT
   id=$(sed -n 's/^session id //p' <<<"$found")
 else
   # Nothing is thrown away for a drive that cannot be played.
-  "$bin/hp2_player" "$data" ${selection[@]+"${selection[@]}"} --info >/dev/null || exit 1
+  "$bin/hp2_player" "$data" ${selection[@]+"${selection[@]}"} ${reading[@]+"${reading[@]}"} --info >/dev/null || exit 1
   if [ -e "$session/session.lock" ] && ! flock -n "$session/session.lock" true; then
     die "another run uses $session. Stop that one first, or give another --out."
   fi

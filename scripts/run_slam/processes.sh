@@ -12,7 +12,7 @@ start() {
       [ "${ended[backend]:-}" != 0 ] || command+=(--session "$session")  # it died last of all
       ;;
     frontend) command=("$bin/hp2_frontend" --threads "$threads" ${mode_option[@]+"${mode_option[@]}"}) ;;
-    player) command=("$bin/hp2_player" "$data" --rate "$rate" ${selection[@]+"${selection[@]}"} ${damaged[@]+"${damaged[@]}"}) ;;
+    player) command=("$bin/hp2_player" "$data" --rate "$rate" ${selection[@]+"${selection[@]}"} ${reading[@]+"${reading[@]}"} ${damaged[@]+"${damaged[@]}"}) ;;
   esac
   command+=(${configured[@]+"${configured[@]}"})
   # A session of its own: Ctrl-C reaches this script alone, which then stops the processes in order. Should this

@@ -54,6 +54,14 @@ def overwrite_keeps_what_is_not_its_own(folder):
     expect(not (folder / "pasted").exists(), "the suggested command has executed a part of the path")
 
 
+def every_reading_option_reaches_the_processes(folder):
+    """The player reads the drive and the viewer its ground truth: both take what run_slam.sh passes on."""
+    out = folder / "read"
+    done = run_script("run_slam.sh", "synthetic:tiny", "--out", out, "--build", BUILD, "--ground-truth-topic", "/truth",
+                      "--sweep", "given", "--vertical-correction", "off")
+    expect(done.returncode == 0 and (out / "report.html").exists(), f"run_slam.sh with options for readers: {done}")
+
+
 def control_speaks():
     done = subprocess.run([BIN / "hp2_control", "list", "--lcm-url", URL], capture_output=True, text=True)
     expect(done.returncode == 1 and "no process" in done.stdout, f"hp2_control list: {done}")
@@ -85,6 +93,7 @@ def test():
         control_speaks()
         reasons_are_given(run.folder)
         overwrite_keeps_what_is_not_its_own(run.folder)
+        every_reading_option_reaches_the_processes(run.folder)
 
 
 main(test)

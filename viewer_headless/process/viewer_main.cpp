@@ -106,6 +106,9 @@ int main(int argc, char** argv) {
   app.add_option("--count", source_options.count, "As hp2_player's, for the ground truth")->type_name("N");
   app.add_option("--stride", source_options.stride, "As hp2_player's, for the ground truth")->type_name("N");
   app.add_option("--topic", source_options.topic, "As hp2_player's, for the ground truth")->type_name("NAME");
+  app.add_option("--ground-truth-topic", source_options.ground_truth_topic,
+                 "As hp2_player's, for the ground truth")
+      ->type_name("NAME");
   app.add_option("--metadata", source_options.metadata, "As hp2_player's, for the ground truth")
       ->type_name("FILE");
   app.add_option("--bin-layout", source_options.bin_layout, "As hp2_player's, for the ground truth")
