@@ -97,7 +97,7 @@ RingTable::RingTable(const std::vector<double>& angles_deg) : cells_(kCells, kNo
     if (k + 1 < order.size()) gap = std::min(gap, angles[order[k + 1]] - angle);
     const auto cell = [](double degrees) {
       const double sine = std::sin(std::clamp(degrees, -90.0, 90.0) * kDegree);
-      return static_cast<std::size_t>((sine + 1.0) * (0.5 * (kCells - 1)) + 0.5);
+      return static_cast<std::size_t>(std::lround((sine + 1.0) * (0.5 * (kCells - 1))));
     };
     const std::size_t begin = cell(angle - kRingWidth * gap), end = cell(angle + kRingWidth * gap);
     for (std::size_t i = begin; i <= end; ++i) cells_[i] = static_cast<std::int16_t>(order[k]);

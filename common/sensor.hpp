@@ -1,6 +1,7 @@
 // What is wrong with a sensor's own angles and ranges, and how scans are corrected by it.
 #pragma once
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -43,7 +44,7 @@ class RingTable {
   /// Number of the ring whose angle is nearest, if it is within a third of the gap to the next ring.
   /// @param sine of the point's vertical angle, -1..1
   std::int16_t ring(float sine) const {
-    return cells_[static_cast<std::size_t>((sine + 1.0F) * (0.5F * (kCells - 1)) + 0.5F)];
+    return cells_[static_cast<std::size_t>(std::lround((sine + 1.0F) * (0.5F * (kCells - 1))))];
   }
 
  private:
