@@ -151,6 +151,7 @@ std::optional<SweepReading> Settlement::compare(std::size_t first) {
       spdlog::debug("sweep, scans from {}: {}", begin, comparison->to_text());
       const auto best = comparison->best(demand);
       if (!found && best && (all_cuts || best->kind != SweepReading::Kind::kCompensated)) found = best;
+      if (found && comparison->leader() != *found) found.reset();  // later stretches speak against it
       if (found && (has_times_ || counted + 1 >= kStretchesNeeded)) return found;
       if (has_times_ && comparison->first_leads()) return std::nullopt;
       if (++counted == kStretchesCounted) break;

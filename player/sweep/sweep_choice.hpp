@@ -42,6 +42,8 @@ class SweepComparison {
 
   /// True if the first reading is the best one, however little.
   bool first_leads() const { return scans_ > 0 && best_candidate() == 0; }
+  /// The reading that is best, however little; only after a stretch.
+  const SweepReading& leader() const { return candidates_[best_candidate()].reading; }
   double scale() const { return scale_; }
   /// Differences to the best one, for the log.
   std::string to_text() const;

@@ -18,6 +18,10 @@ struct SweepReading {
   Kind kind = Kind::kCompensated;
   bool clockwise = true;  ///< kAzimuth: seen from above.
   double cut_rad = 0.0;   ///< kAzimuth: where a sweep begins; x forward, counted towards y.
+
+  friend bool operator!=(const SweepReading& a, const SweepReading& b) {
+    return a.kind != b.kind || a.clockwise != b.clockwise || a.cut_rad != b.cut_rad;
+  }
 };
 
 /// Time in the sweep of a point at `azimuth_rad`, 0..1, for a reading by azimuth.
