@@ -26,8 +26,9 @@ ConfigSection frontend_section(FrontendConfig& c) {
   s.add("redeskew_gain", c.redeskew_gain,
         "Share of the difference that they correct in the first scans; later ones are filtered", 0.0, 1.0);
   s.add("voxel_size_m", c.voxel_size_m,
-        "Edge of a local map voxel [m]; 0: 0.2 to 0.8, by how densely and how far the sensor sees", 0.0,
-        10.0);
+        "Edge of a local map voxel [m], at least 0.2; 0: 0.2 to 0.8, by how densely and how far the sensor "
+        "sees",
+        0.0, 10.0);
   s.add("max_points_per_voxel", c.max_points_per_voxel, "Points that a voxel keeps", 1, 255);
   s.add("min_spacing_m", c.min_spacing_m,
         "Points of a voxel are at least this far apart [m]; 0: 0.375 voxel_size_m", 0.0, 10.0);
@@ -120,6 +121,14 @@ void validate(const FrontendConfig& c) {
   if (c.min_range_m >= c.max_range_m) {
     throw Error("min_range_m is not below max_range_m", "configuration, section \"frontend\"",
                 "Raise max_range_m or lower min_range_m.");
+  }
+  // A correspondence is sought in the voxels around a point: with smaller ones it stays with the sensor.
+  constexpr double kSmallestVoxel_m = 0.2;
+  if (c.voxel_size_m > 0.0 && c.voxel_size_m < kSmallestVoxel_m) {
+    throw Error(
+        "voxel_size_m is below 0.2 m", "configuration, section \"frontend\"",
+        "Give 0.2 or more, or 0 for a size that follows the scene: motion between scans is not found in "
+        "smaller voxels.");
   }
   if (c.min_sigma_m > c.max_sigma_m) {
     throw Error("min_sigma_m is above max_sigma_m", "configuration, section \"frontend\"", "Swap them.");

@@ -43,6 +43,7 @@ void leave_angles_to(const SensorCalibration& calibration, SourceOptions& option
 }
 
 std::unique_ptr<ScanSource> open_source(const std::string& spec, const SourceOptions& options) {
+  if (options.sweep != "auto" && options.sweep != "given") parse_sweep(options.sweep);  // a wrong name throws
   if (spec.rfind("synthetic:", 0) == 0) {
     if (!options.dataset.empty() && options.dataset != "synthetic") {
       throw Error("a synthetic drive has no other format", "--dataset " + options.dataset,

@@ -45,6 +45,7 @@ int main(int argc, char** argv) {
     config.add(hp2::sensor_section(settings.sensor));
     const auto override = [&] {
       if (!mode.empty()) settings.mode = mode;
+      hp2::validate(settings);
     };
     if (hp2::apply_common_options(common, &config, override)) return 0;
     hp2::catch_stop_signals();

@@ -52,9 +52,9 @@ CostDifference compare_costs(const std::vector<double>& worse, const std::vector
   return {m, m / std::sqrt(squares / static_cast<double>(n - 1) / std::max(count, 1.0))};
 }
 
-SweepComparison::SweepComparison(std::vector<SweepReading> readings, double sweep_s, double scale)
+SweepComparison::SweepComparison(const std::vector<SweepReading>& readings, double sweep_s, double scale)
     : sweep_s_(sweep_s), scale_(scale) {
-  for (SweepReading& r : readings) candidates_.push_back({r, {}, {}, false});
+  for (const SweepReading& r : readings) candidates_.push_back({r, {}, {}, false});
 }
 
 bool SweepComparison::add_stretch(const std::vector<TrialScan>& scans) {

@@ -26,7 +26,7 @@ class SweepComparison {
  public:
   /// @param sweep_s duration of a sweep [s]
   /// @param scale   of the scene, see scale_of_scene()
-  SweepComparison(std::vector<SweepReading> readings, double sweep_s, double scale);
+  SweepComparison(const std::vector<SweepReading>& readings, double sweep_s, double scale);
 
   /// Tries all readings that are still likely on scans that follow one another.
   /// @return false if the sensor hardly moved: the stretch tells nothing and is not counted

@@ -10,6 +10,7 @@ namespace hp2 {
 namespace {
 
 constexpr double kTurn = 2.0 * M_PI;
+constexpr double kMostRingGap_rad = 0.35;  // from a ring's last point to the next one's first
 
 double wrapped(double angle) { return angle - kTurn * std::round(angle / kTurn); }
 
@@ -73,7 +74,7 @@ void find_ring_ends(const Directions& d, std::vector<double>& ends_rad) {
     const double spread = std::max(*before.second - *before.first, *after.second - *after.first);
     const double apart = std::max(*after.first - *before.second, *before.first - *after.second);
     const double gap = wrapped(d.azimuth_rad[i] - d.azimuth_rad[i - 1]);
-    if (apart > std::max(least, 2.0 * spread) && std::abs(gap) < 0.35)
+    if (apart > std::max(least, 2.0 * spread) && std::abs(gap) < kMostRingGap_rad)
       ends_rad.push_back(d.azimuth_rad[i - 1] + 0.5 * gap);
   }
 }
@@ -166,7 +167,9 @@ PointOrder order_of_points(const std::vector<const Scan*>& scans) {
       ++often;
       if (points.turned_rad < 0.0) ++clockwise;
       find_ring_ends(d, ring_ends);
-      beginnings.push_back(d.azimuth_rad.front());
+      // The first ring may see nothing where it begins; where the last one ends there, too, both do.
+      const double gap = wrapped(d.azimuth_rad.front() - d.azimuth_rad.back());
+      if (std::abs(gap) < kMostRingGap_rad) beginnings.push_back(d.azimuth_rad.back() + 0.5 * gap);
     }
   }
   const auto most = [&](std::size_t n) { return n > 0 && 5 * n >= 4 * scans.size(); };

@@ -78,11 +78,16 @@ def reasons_are_given(folder):
     config = folder / "config.yaml"
     config.mkdir()
     os.mkfifo(folder / "pipe")
+    (folder / "small.yaml").write_text("frontend:\n  voxel_size_m: 0.1\n")
+    (folder / "doubled.yaml").write_text("sensor:\n  ring_angles_deg: [1, 1, 3]\n")
     for command, reason in (
             (f"exec {BIN}/hp2_frontend --print-config --config {config}", "is a folder"),
             (f"exec {BIN}/hp2_frontend --print-config --config {folder}/pipe", "pipe"),
             (f"ulimit -n 12; exec {BIN}/hp2_frontend --lcm-url '{URL}'", "ulimit -n"),
-            (f"exec {BIN}/hp2_player synthetic:tiny --info --dataset kitty", "--dataset kitty")):
+            (f"exec {BIN}/hp2_player synthetic:tiny --info --dataset kitty", "--dataset kitty"),
+            (f"exec {BIN}/hp2_player synthetic:tiny --info --sweep sideways", "sideways"),
+            (f"exec {BIN}/hp2_frontend --config {folder}/small.yaml --print-config", "below 0.2 m"),
+            (f"exec {BIN}/hp2_frontend --config {folder}/doubled.yaml --print-config", "ring_angles_deg")):
         done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=30 * SLOWER)
         expect(done.returncode == 1 and reason in done.stderr and "defect" not in done.stderr, f"{command}: {done}")
 

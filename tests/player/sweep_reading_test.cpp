@@ -90,5 +90,21 @@ TEST(PointOrder, ShuffledPointsDoNotSpin) {
   EXPECT_FALSE(order_of(scan).spins);
 }
 
+// Rings whose ends do not show in the elevation, and the first of which sees nothing for `unseen_deg`.
+Scan rings_that_begin_unseen(double cut_deg, double unseen_deg) {
+  Scan scan = fired(8, 400, false, cut_deg, true);
+  std::fill(scan.z.begin(), scan.z.end(), 0.0F);
+  const auto unseen = static_cast<std::ptrdiff_t>(400.0 * unseen_deg / 360.0);
+  for (auto* axis : {&scan.x, &scan.y, &scan.z}) axis->erase(axis->begin(), axis->begin() + unseen);
+  return scan;
+}
+
+TEST(PointOrder, CutIsNotWhereTheFirstRingSeesSomethingFirst) {
+  const PointOrder whole = order_of(rings_that_begin_unseen(90.0, 0.0));
+  ASSERT_TRUE(whole.has_cut);
+  EXPECT_LT(degrees_between(whole.cut_rad, 90.0), 1.0);
+  EXPECT_FALSE(order_of(rings_that_begin_unseen(90.0, 40.0)).has_cut);
+}
+
 }  // namespace
 }  // namespace hp2
