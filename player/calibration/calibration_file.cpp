@@ -1,11 +1,10 @@
 #include "player/calibration/calibration_file.hpp"
 
 #include <cmath>
-#include <fstream>
 
 #include <fmt/format.h>
 
-#include "common/error.hpp"
+#include "common/atomic_file.hpp"
 
 namespace hp2 {
 namespace {
@@ -62,11 +61,7 @@ void write_calibration(const std::string& path, const CalibrationEstimate& estim
     text += "# " + comment.substr(at, end - at) + "\n";
     at = end + 1;
   }
-  std::ofstream out(path);
-  out << text << config.print();
-  out.close();
-  if (!out)
-    throw Error("the calibration cannot be written", path, "Check the folder's rights and the disk's space.");
+  write_file(path, text + config.print());
 }
 
 }  // namespace hp2

@@ -1,18 +1,19 @@
 // hp2_calibrate: estimates a sensor's angle and range errors from a drive.
 #include <cstdio>
-#include <fstream>
 #include <string>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 #include <spdlog/spdlog.h>
 
+#include "common/atomic_file.hpp"
 #include "common/error.hpp"
 #include "common/program.hpp"
 #include "frontend/frontend.hpp"
 #include "player/calibration/calibrate.hpp"
 #include "player/calibration/calibration_file.hpp"
 #include "player/calibration/find_rings.hpp"
+#include "player/readers/file_io.hpp"
 #include "player/scan_source.hpp"
 #include "player/sweep/sweep_trial.hpp"
 
@@ -53,7 +54,14 @@ std::vector<CalibrationWindow> run_odometry(const ScanSource& source, const std:
   return windows;
 }
 
+/// Before minutes are spent. @throws Error if no file can be written to `path`
+void check_output(const std::string& path) {
+  if (is_folder(path)) throw Error("--out is a folder", path, "Name a file, e.g. sensor.yaml in it.");
+  const AtomicFile probe(path);
+}
+
 int run(Options options) {
+  if (!options.out.empty()) check_output(options.out);
   set_log_level(options.log_level);
   options.source.kitti_correction = std::max(options.source.kitti_correction, 0);
   const auto source = open_source(options.data, options.source);
@@ -70,6 +78,7 @@ int run(Options options) {
   const CalibrationEstimate estimate =
       calibrate(windows, std::max<std::size_t>(rings.size(), 1), config, parallel);
   std::fputs(describe(estimate, rings).c_str(), stdout);
+  std::fflush(stdout);  // before what is said on stderr
   const std::string doubt = doubt_about(estimate, config);
   if (!doubt.empty())
     throw Error(

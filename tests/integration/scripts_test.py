@@ -87,6 +87,8 @@ def reasons_are_given(folder):
             (f"exec {BIN}/hp2_player synthetic:tiny --info --dataset kitty", "--dataset kitty"),
             (f"exec {BIN}/hp2_player synthetic:tiny --info --sweep sideways", "sideways"),
             (f"exec {BIN}/hp2_frontend --config {folder}/small.yaml --print-config", "below 0.2 m"),
+            (f"exec {BIN}/hp2_calibrate synthetic:tiny --out {folder}/nowhere/sensor.yaml", "nowhere"),
+            (f"exec {BIN}/hp2_calibrate synthetic:tiny --out {folder}", "is a folder"),
             (f"exec {BIN}/hp2_frontend --config {folder}/doubled.yaml --print-config", "ring_angles_deg")):
         done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=30 * SLOWER)
         expect(done.returncode == 1 and reason in done.stderr and "defect" not in done.stderr, f"{command}: {done}")
