@@ -82,19 +82,12 @@ class HesaiFormat final : public PacketFormat {
     for (std::size_t b = 0; b < model_.blocks; ++b)
       if (azimuth(payload, b) >= 36000) return false;
     const unsigned mode = byte_at(payload, tail_at_ + model_.mode_at);
-    return mode >= 0x33 && mode <= 0x3e && micros(payload) < 2'000'000;
+    return mode >= 0x33 && mode <= 0x3e && micros(payload) < 2'000'000 &&
+           std::abs(date_s(payload)) < kMostPacketTime_ns / 1'000'000'000;
   }
 
   std::int64_t time_ns(std::string_view payload) const override {
-    std::tm date{};
-    const std::size_t at = tail_at_ + model_.date_at;
-    date.tm_year = static_cast<int>(byte_at(payload, at)) + model_.year_zero - 1900;
-    date.tm_mon = static_cast<int>(byte_at(payload, at + 1)) - 1;
-    date.tm_mday = static_cast<int>(byte_at(payload, at + 2));
-    date.tm_hour = static_cast<int>(byte_at(payload, at + 3));
-    date.tm_min = static_cast<int>(byte_at(payload, at + 4));
-    date.tm_sec = static_cast<int>(byte_at(payload, at + 5));
-    return (static_cast<std::int64_t>(::timegm(&date)) * 1'000'000 + micros(payload)) * 1000;
+    return (date_s(payload) * 1'000'000 + micros(payload)) * 1000;
   }
 
   void blocks(std::string_view payload, std::vector<PacketBlock>& out) const override {
@@ -128,6 +121,21 @@ class HesaiFormat final : public PacketFormat {
   }
 
  private:
+  /// Whole seconds of the packet's date, since 1970.
+  std::int64_t date_s(std::string_view payload) const {
+    std::tm date{};
+    const std::size_t at = tail_at_ + model_.date_at;
+    // Models that count from 2000 have firmware that counts from 1900.
+    const auto year = static_cast<int>(byte_at(payload, at));
+    date.tm_year = year >= 100 ? year : year + model_.year_zero - 1900;
+    date.tm_mon = static_cast<int>(byte_at(payload, at + 1)) - 1;
+    date.tm_mday = static_cast<int>(byte_at(payload, at + 2));
+    date.tm_hour = static_cast<int>(byte_at(payload, at + 3));
+    date.tm_min = static_cast<int>(byte_at(payload, at + 4));
+    date.tm_sec = static_cast<int>(byte_at(payload, at + 5));
+    return ::timegm(&date);
+  }
+
   std::size_t unit_at(std::size_t block, std::size_t channel) const {
     return model_.header + block * block_bytes_ + model_.block_header + channel * model_.unit;
   }

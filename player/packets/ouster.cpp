@@ -54,8 +54,6 @@ const std::vector<Profile>& profiles() {
   return all;
 }
 
-constexpr std::int64_t kMost_ns = 4'000'000'000'000'000'000;  // in the year 2096
-
 template <typename T>
 T number_at(std::string_view payload, std::size_t at) {
   T value;
@@ -85,7 +83,7 @@ class OusterFormat final : public PacketFormat {
       if (!layout_.is_valid(payload, c)) continue;
       any = true;
       if (layout_.measurement_id(payload, c) >= layout_.info().columns_per_frame ||
-          layout_.timestamp_ns(payload, c) < 0 || layout_.timestamp_ns(payload, c) > kMost_ns)
+          layout_.timestamp_ns(payload, c) < 0 || layout_.timestamp_ns(payload, c) > kMostPacketTime_ns)
         return false;
     }
     return any;

@@ -10,6 +10,9 @@
 
 namespace hp2 {
 
+/// A packet that claims a later time (the year 2096) is damaged, or another sensor's [ns since 1970].
+constexpr std::int64_t kMostPacketTime_ns = 4'000'000'000'000'000'000;
+
 /// A part of a packet that is never cut: the firings that share one azimuth, or one column.
 struct PacketBlock {
   double azimuth_deg = 0.0;  ///< In [0, 360), in the order of time; a turn ends where it passes 0.
