@@ -158,11 +158,10 @@ class HesaiFormat final : public PacketFormat {
     return mode >= 0x39 ? 2 : 1;
   }
   double block_ns(std::string_view payload, std::size_t block) const {
-    const std::size_t returns = returns_of(payload);
-    if (!model_.counts_down)
-      return model_.last_block_ns + model_.block_ns * static_cast<double>(block / returns);
-    return model_.last_block_ns -
-           model_.block_ns * static_cast<double>((model_.blocks - 1 - block) / returns);
+    const std::size_t counted = model_.counts_down ? model_.blocks - 1 - block : block;
+    const std::size_t firings = counted / returns_of(payload);
+    const double after_ns = model_.block_ns * static_cast<double>(firings);
+    return model_.last_block_ns + (model_.counts_down ? -after_ns : after_ns);
   }
   int channel_ns(std::size_t channel) const {
     return model_.times ? model_.times[channel] : 368 + model_.channel_ns * static_cast<int>(channel);
